@@ -1,0 +1,44 @@
+"""Errors a person can act on, and how a command line ends on one."""
+
+import functools
+import sys
+from collections.abc import Callable
+
+
+class RledError(Exception):
+    """Root of the errors that a user can cause and mend.
+
+    Args:
+        what: the offender, named ("joint 'elbow' is missing from joint_delta").
+        accepted: what would have been taken ("panda_joint1 .. panda_joint7").
+        remedy: what to do about it.
+    """
+
+    def __init__(self, what: str, accepted: str = "", remedy: str = "") -> None:
+        self.what, self.accepted, self.remedy = what, accepted, remedy
+        parts = [what, f"accepted: {accepted}" if accepted else "", remedy]
+        super().__init__("; ".join(part for part in parts if part))
+
+    def __reduce__(self) -> tuple[type, tuple[str, str, str]]:
+        return type(self), (self.what, self.accepted, self.remedy)
+
+
+class ContractError(RledError):
+    """A record, a message or a description that breaks the contract."""
+
+
+def command_line(main: Callable[[], None]) -> Callable[[], None]:
+    """Wrap a command's ``main``: a user's mistake prints one line and exits with 2, Ctrl-C with 130."""
+
+    @functools.wraps(main)
+    def wrapped() -> None:
+        try:
+            main()
+        except RledError as error:
+            print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
+            sys.exit(2)
+        except KeyboardInterrupt:
+            print("interrupted", file=sys.stderr)
+            sys.exit(130)
+
+    return wrapped

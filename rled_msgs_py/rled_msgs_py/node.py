@@ -1,0 +1,171 @@
+"""Starting a node, its parameters and its end, the same way for every node of the graph."""
+
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
+
+import rclpy
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
+from rclpy.context import Context
+from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.publisher import Publisher
+from rclpy.subscription import Subscription
+
+from rled_msgs_py.convert import MESSAGE_CLASSES, from_msg, qos_profile
+from rled_msgs_py.errors import ContractError, RledError, command_line
+from rled_msgs_py.params import Spec, build, parameters_of, parse_command_line
+from rled_msgs_py.topics import Topic
+
+P = TypeVar("P")
+
+
+def advertise(node: Node, topic: Topic) -> Publisher:
+    """A publisher on a topic of the contract."""
+    return node.create_publisher(MESSAGE_CLASSES[topic.type], topic.name, qos_profile(topic.qos))
+
+
+def subscribe(node: Node, topic: Topic, callback: Callable[[Any], None]) -> Subscription:
+    """Call ``callback`` with each record on a topic; a bad message is refused, logged and dropped."""
+
+    def received(msg: Any) -> None:
+        try:
+            record = from_msg(topic, msg)
+        except ContractError as error:
+            node.get_logger().warning(f"{topic.name}: {error}", throttle_duration_sec=1.0)
+            return
+        callback(record)
+
+    return node.create_subscription(MESSAGE_CLASSES[topic.type], topic.name, received, qos_profile(topic.qos))
+
+
+def _descriptor(spec: Spec, default: Any) -> ParameterDescriptor:
+    constraints = "one of: " + ", ".join(spec.choices) if spec.choices else ""
+    descriptor = ParameterDescriptor(
+        description=spec.description, read_only=spec.read_only, additional_constraints=constraints
+    )
+    if spec.low is not None and spec.high is not None:
+        if isinstance(default, int):
+            descriptor.integer_range = [IntegerRange(from_value=int(spec.low), to_value=int(spec.high), step=0)]
+        else:
+            descriptor.floating_point_range = [
+                FloatingPointRange(from_value=float(spec.low), to_value=float(spec.high), step=0.0)
+            ]
+    return descriptor
+
+
+def declare(node: Node, params: type[P], changed: Callable[[P], None] | None = None) -> P:
+    """Declare a dataclass's fields as ROS parameters and return their values.
+
+    Args:
+        node: the node.
+        params: a frozen dataclass whose fields were made by ``param``.
+        changed: called with the new record after an accepted change.
+
+    Raises:
+        ContractError: a value given at the start is out of its range or of another type.
+    """
+    known = parameters_of(params)
+    for each in known:
+        try:
+            node.declare_parameter(each.name, each.default, _descriptor(each.spec, each.default))
+        except Exception as error:  # rclpy raises several unrelated types here
+            accepted = ", ".join(each.spec.choices) or (
+                f"{each.spec.low} to {each.spec.high}" if each.spec.low is not None else type(each.default).__name__
+            )
+            raise ContractError(f"parameter {each.name}: {error}", accepted) from None
+
+    def current() -> dict[str, Any]:
+        return {each.name: node.get_parameter(each.name).value for each in known}
+
+    def validate(proposed: list[Parameter]) -> SetParametersResult:
+        mine = {each.name for each in known}
+        try:
+            build(params, current() | {each.name: each.value for each in proposed if each.name in mine})
+        except (ContractError, TypeError) as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def apply(_: list[Parameter]) -> None:
+        if changed is not None:
+            changed(build(params, current()))
+
+    record = build(params, current())
+    node.add_on_set_parameters_callback(validate)
+    node.add_post_set_parameters_callback(apply)
+    return record
+
+
+def _require_domain() -> None:
+    domain = os.environ.get("ROS_DOMAIN_ID", "0") or "0"
+    if not domain.isdigit() or int(domain) > 101:
+        raise RledError(f"ROS_DOMAIN_ID is '{domain}'", "0 to 101", "set another domain id")
+
+
+def run_node(make: Callable[..., Node], params: type[Any], program: str, summary: str) -> None:
+    """``main`` of a node: parse the command line, spin until SIGINT or SIGTERM, destroy, shut down.
+
+    Args:
+        make: called as ``make(parameter_overrides=[...])`` after ``rclpy.init``.
+        params: parameter dataclass, for ``--name value`` and ``--help``.
+        program: name of the executable.
+        summary: what it does, for ``--help``.
+    """
+
+    def main() -> None:
+        given, ros_arguments = parse_command_line(params, program, summary, sys.argv[1:])
+        overrides = [Parameter(name, value=value) for name, value in given.items()]
+        _require_domain()
+        rclpy.init(args=[program, *ros_arguments])
+        signal.signal(signal.SIGTERM, signal.getsignal(signal.SIGINT))
+        node: Node | None = None
+        try:
+            node = make(parameter_overrides=overrides)
+            spin(node)
+        except (KeyboardInterrupt, ExternalShutdownException):
+            pass
+        finally:
+            if node is not None:
+                node.destroy_node()
+            rclpy.try_shutdown()
+
+    command_line(main)()
+
+
+def spin(node: Node, executor: Executor | None = None) -> None:
+    """Spin one node until its context shuts down."""
+    executor = executor or SingleThreadedExecutor(context=node.context)
+    executor.add_node(node)
+    try:
+        executor.spin()
+    finally:
+        executor.remove_node(node)
+
+
+def spin_until(executor: Executor, done: Callable[[], bool], timeout: float, what: str) -> None:
+    """Spin until a predicate holds.
+
+    Raises:
+        RledError: it did not hold within ``timeout`` seconds.
+    """
+    deadline = time.monotonic() + timeout
+    while not done():
+        if time.monotonic() > deadline:
+            raise RledError(f"waited {timeout:g} s for {what}", "", "is the other node running in this ROS_DOMAIN_ID?")
+        executor.spin_once(timeout_sec=0.05)
+
+
+def fresh_context(domain: int | None = None, arguments: Sequence[str] = ()) -> Context:
+    """A context of its own, for composing nodes in one process or for a test."""
+    context = Context()
+    rclpy.init(args=list(arguments), context=context, domain_id=domain)
+    return context

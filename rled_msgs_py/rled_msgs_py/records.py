@@ -1,0 +1,227 @@
+"""Frozen records of what travels on the topics, checked when they are made.
+
+Stamps are nanoseconds of simulation time. Arrays are read-only float64. Orientation quaternions are
+(x, y, z, w), as in geometry_msgs (REP 103 for units and axes).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rled_msgs_py.errors import ContractError
+
+Vector = NDArray[np.float64]
+
+
+def finite_vector(values: ArrayLike, size: int, what: str) -> Vector:
+    """Return ``values`` as a read-only float64 vector, shape (size,).
+
+    Raises:
+        ContractError: another size, or a NaN or infinity in it.
+    """
+    vector = np.array(values, dtype=np.float64)
+    if vector.shape != (size,):
+        raise ContractError(f"{what} has shape {vector.shape}", f"({size},)")
+    if not np.isfinite(vector).all():
+        raise ContractError(f"{what} holds {vector[~np.isfinite(vector)][0]}", "finite numbers")
+    vector.flags.writeable = False
+    return vector
+
+
+def _check_names(names: tuple[str, ...], what: str) -> None:
+    if not names or len(set(names)) != len(names) or not all(names):
+        raise ContractError(f"{what} has names {list(names)}", "distinct, non-empty joint names")
+
+
+def order_by_name(names: tuple[str, ...], wanted: tuple[str, ...], what: str) -> list[int]:
+    """Indices that bring values named ``names`` into the order of ``wanted``.
+
+    Raises:
+        ContractError: a wanted name is missing or an unknown one is there.
+    """
+    if set(names) != set(wanted):
+        offenders = sorted(set(wanted) ^ set(names))
+        raise ContractError(f"{what} names {', '.join(names)}", ", ".join(wanted), f"differs in {', '.join(offenders)}")
+    return [names.index(name) for name in wanted]
+
+
+@dataclass(frozen=True, eq=False)
+class JointSample:
+    """Joint positions and velocities at one instant.
+
+    Attributes:
+        stamp: simulation time (ns).
+        names: joint names, n of them.
+        position: joint angles (rad), shape (n,).
+        velocity: joint rates (rad/s), shape (n,).
+    """
+
+    stamp: int
+    names: tuple[str, ...]
+    position: Vector
+    velocity: Vector
+
+    def __post_init__(self) -> None:
+        _check_names(self.names, "a joint sample")
+        object.__setattr__(self, "position", finite_vector(self.position, len(self.names), "position"))
+        object.__setattr__(self, "velocity", finite_vector(self.velocity, len(self.names), "velocity"))
+
+    def ordered(self, names: tuple[str, ...]) -> "JointSample":
+        """The same sample with its joints in the order of ``names``."""
+        if names == self.names:
+            return self
+        order = order_by_name(self.names, names, "a joint sample")
+        return JointSample(self.stamp, names, self.position[order], self.velocity[order])
+
+
+@dataclass(frozen=True, eq=False)
+class PoseSample:
+    """A pose in space at one instant.
+
+    Attributes:
+        stamp: simulation time (ns).
+        frame: frame that the pose is expressed in.
+        position: origin (m), shape (3,).
+        orientation: unit quaternion (x, y, z, w), shape (4,).
+    """
+
+    stamp: int
+    frame: str
+    position: Vector
+    orientation: Vector = field(default_factory=lambda: np.array([0.0, 0.0, 0.0, 1.0]))
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "position", finite_vector(self.position, 3, "position"))
+        orientation = finite_vector(self.orientation, 4, "orientation")
+        if abs(float(orientation @ orientation) - 1.0) > 1e-3:
+            raise ContractError(f"orientation {orientation.tolist()} has norm {np.linalg.norm(orientation):.3g}", "1")
+        object.__setattr__(self, "orientation", orientation)
+
+
+@dataclass(frozen=True, eq=False)
+class DeltaCommand:
+    """Joint displacements asked for, in answer to the state of the same stamp.
+
+    Attributes:
+        stamp: stamp of the state that this answers (ns).
+        names: joint names, n of them.
+        delta: joint displacements Δq (rad), shape (n,).
+    """
+
+    stamp: int
+    names: tuple[str, ...]
+    delta: Vector
+
+    def __post_init__(self) -> None:
+        _check_names(self.names, "a delta command")
+        object.__setattr__(self, "delta", finite_vector(self.delta, len(self.names), "delta"))
+
+    def ordered(self, names: tuple[str, ...]) -> "DeltaCommand":
+        """The same command with its joints in the order of ``names``."""
+        if names == self.names:
+            return self
+        order = order_by_name(self.names, names, "a delta command")
+        return DeltaCommand(self.stamp, names, self.delta[order])
+
+
+class Actor(Enum):
+    """Who moves the robot in one step."""
+
+    AGENT = "agent"
+    EXPERT = "expert"
+    HUMAN = "human"
+    HOLD = "hold"
+
+
+class Level(Enum):
+    """Severity, with the values of diagnostic_msgs/DiagnosticStatus."""
+
+    OK = 0
+    WARN = 1
+    ERROR = 2
+
+
+@dataclass(frozen=True)
+class GateDecision:
+    """One decision of the safety gate.
+
+    Attributes:
+        stamp: stamp of the state decided on (ns).
+        level: OK when the agent or the expert as chosen policy acts, WARN when somebody stands in, ERROR on hold.
+        actor: who moves the robot.
+        reason: why, in words.
+        uncertainty: u_t of Eq. 4.39 (1), NaN when it was not computed.
+        threshold: ξ of Eq. 4.40 (1), NaN when no threshold applies.
+        measure: name of the uncertainty measure, or ``none``.
+        episode: episode counter of the task.
+        step: step within the episode.
+    """
+
+    stamp: int
+    level: Level
+    actor: Actor
+    reason: str
+    uncertainty: float
+    threshold: float
+    measure: str
+    episode: int
+    step: int
+
+
+@dataclass(frozen=True)
+class TaskStatus:
+    """What the task says of the tick of the same stamp.
+
+    Attributes:
+        stamp: simulation time (ns).
+        episode: episodes begun before this one.
+        step: steps taken in this episode.
+        reward: reward of the transition that led here (1); 0 at the first tick of an episode.
+        targets_reached: targets reached in this episode.
+        risky: this state is one that the task counts as a violation.
+        violations: risky states in this episode.
+        terminated: the task is done.
+        truncated: the step limit was met.
+    """
+
+    stamp: int
+    episode: int
+    step: int
+    reward: float
+    targets_reached: int
+    risky: bool
+    violations: int
+    terminated: bool
+    truncated: bool
+
+
+@dataclass(frozen=True)
+class Text:
+    """A latched text: a URDF on ``robot_description``, JSON on ``task_description``."""
+
+    data: str
+
+
+@dataclass(frozen=True)
+class Health:
+    """One node's health, at about 1 Hz (REP 107).
+
+    Attributes:
+        stamp: time (ns).
+        level: worst condition.
+        name: node and part.
+        message: summary in words.
+        values: figures by name.
+    """
+
+    stamp: int
+    level: Level
+    name: str
+    message: str
+    values: Mapping[str, str]
+
+
+Record = JointSample | PoseSample | DeltaCommand | GateDecision | TaskStatus | Text | Health

@@ -1,0 +1,146 @@
+"""What a task asks for, self-described: JSON on the latched topic ``task_description``, and so in every bag."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, fields
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rled_msgs_py.errors import ContractError
+
+Observation = Literal["displacement_and_joints", "position_and_target"]
+Reward = Literal["dense", "sparse"]
+
+
+@dataclass(frozen=True)
+class TaskDescription:
+    """Everything that an operator, a learner or a bag reader must know of robot and task.
+
+    Attributes:
+        robot: robot's name.
+        task: task's name.
+        frame: frame of all positions.
+        tip_link: link whose origin is the end effector.
+        joint_names: the n actuated joints, in the order of every vector.
+        joint_lower: lower joint limits (rad), n.
+        joint_upper: upper joint limits (rad), n.
+        max_delta: Δq_max, largest joint displacement of one step (rad).
+        axes: indices of the m position components that the task uses.
+        workspace_lower: least end-effector position (m), m.
+        workspace_upper: greatest end-effector position (m), m.
+        observation: how a state becomes a vector, see ``observe``.
+        reward: reward function of section 4.1.3.
+        reward_reached: u, paid when a target is reached (1).
+        tolerance: ε_x, compared with the squared distance (m²).
+        targets_per_episode: targets that end an episode; 0 never ends it.
+        max_steps: steps after which an episode is cut; 0 never cuts it.
+        period: simulation time between ticks (ns).
+    """
+
+    robot: str
+    task: str
+    frame: str
+    tip_link: str
+    joint_names: tuple[str, ...]
+    joint_lower: tuple[float, ...]
+    joint_upper: tuple[float, ...]
+    max_delta: float
+    axes: tuple[int, ...]
+    workspace_lower: tuple[float, ...]
+    workspace_upper: tuple[float, ...]
+    observation: Observation
+    reward: Reward
+    reward_reached: float
+    tolerance: float
+    targets_per_episode: int
+    max_steps: int
+    period: int
+
+    def __post_init__(self) -> None:
+        n, m = len(self.joint_names), len(self.axes)
+        sizes = {"joint_lower": n, "joint_upper": n, "workspace_lower": m, "workspace_upper": m}
+        for name, size in sizes.items():
+            if len(getattr(self, name)) != size:
+                raise ContractError(f"{name} has {len(getattr(self, name))} values", str(size))
+        if self.observation not in get_args(Observation):
+            raise ContractError(f"observation '{self.observation}'", ", ".join(get_args(Observation)))
+        if self.reward not in get_args(Reward):
+            raise ContractError(f"reward '{self.reward}'", ", ".join(get_args(Reward)))
+        for name in ("max_delta", "tolerance", "period"):
+            if getattr(self, name) <= 0:
+                raise ContractError(f"{name} is {getattr(self, name)}", "more than 0")
+
+    @property
+    def action_size(self) -> int:
+        """n, joints moved."""
+        return len(self.joint_names)
+
+    def observe(self, q: NDArray[Any], position: NDArray[Any], target: NDArray[Any]) -> NDArray[np.float64]:
+        """The state vector x that a policy sees, for one state or a batch.
+
+        Args:
+            q: joint angles (rad), shape (..., n).
+            position: end effector (m), shape (..., 3).
+            target: target (m), shape (..., 3).
+
+        Returns:
+            ``displacement_and_joints``: [X_T − X; q] of section 4.1.3, shape (..., m + n).
+            ``position_and_target``: [X; X_T] of section 4.2.3, shape (..., 2m).
+        """
+        axes = list(self.axes)
+        x, x_t = position[..., axes], target[..., axes]
+        if self.observation == "displacement_and_joints":
+            return np.concatenate([x_t - x, q], axis=-1)
+        return np.concatenate([x, x_t], axis=-1)
+
+    def observation_bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Least and greatest observation inside the workspace and the joint limits."""
+        lower, upper = np.array(self.workspace_lower), np.array(self.workspace_upper)
+        if self.observation == "displacement_and_joints":
+            span = upper - lower
+            return np.concatenate([-span, self.joint_lower]), np.concatenate([span, self.joint_upper])
+        return np.concatenate([lower, lower]), np.concatenate([upper, upper])
+
+    def to_json(self) -> str:
+        """JSON text of the description."""
+        return json.dumps(asdict(self))
+
+    @staticmethod
+    def from_json(text: str) -> "TaskDescription":
+        """Read ``to_json``'s text.
+
+        Raises:
+            ContractError: not JSON, or fields missing, unknown or of a wrong kind.
+        """
+        names = [each.name for each in fields(TaskDescription)]
+        try:
+            values: dict[str, Any] = json.loads(text)
+        except ValueError:
+            raise ContractError("the task description is no JSON", "an object with " + ", ".join(names)) from None
+        if not isinstance(values, dict) or set(values) != set(names):
+            raise ContractError("the task description has other fields", ", ".join(names))
+        try:
+            return TaskDescription(**{key: _tuple(value) for key, value in values.items()})
+        except TypeError as error:
+            raise ContractError(f"the task description holds a wrong kind of value ({error})") from None
+
+    def require_same_robot(self, other: "TaskDescription", whose: str) -> None:
+        """Refuse another robot's description.
+
+        Raises:
+            ContractError: joints, observation or Δq_max differ.
+        """
+        for name in ("robot", "joint_names", "observation", "max_delta"):
+            mine, theirs = getattr(self, name), getattr(other, name)
+            if mine != theirs:
+                raise ContractError(f"{whose} is for {name} {_plain(theirs)}", _plain(mine))
+
+
+def _tuple(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value
+
+
+def _plain(value: Any) -> str:
+    return ", ".join(map(str, value)) if isinstance(value, Sequence) and not isinstance(value, str) else str(value)
