@@ -1,0 +1,67 @@
+# One command for everything; `make` alone lists the targets. Each target sets up .venv first when it is missing or old.
+SHELL := bash
+.SHELLFLAGS := -euo pipefail -c
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.PHONY: help setup demo test check format bench lock clean
+
+BIN := .venv/bin
+PACKAGES := rled_msgs_py rled_sim rled_agent rled_teleop
+# --use-pep517 puts commands into .venv/bin although setup.cfg names lib/<package> for colcon; compat puts the packages
+# on the path as folders, which pytest, mypy and a Python started in this folder all need.
+EDITABLE := --use-pep517 --no-build-isolation --no-deps --config-settings editable_mode=compat $(PACKAGES:%=-e %)
+
+IS_USABLE := import sys, ensurepip; sys.exit(sys.version_info[:2] != (3, 11))
+PYTHON ?= $(shell for each in python3.11 python3; do "$$each" -c "$(IS_USABLE)" 2>/dev/null && echo "$$each" && break; done)
+NO_PYTHON := error: Python 3.11 with venv was not found (tried python3.11, python3); accepted: 3.11, the newest for which \
+PyBullet has a wheel; install it (apt install python3.11-venv, or: pyenv install 3.11) or name it: make setup PYTHON=path
+NO_PLATFORM := error: this is $(shell uname -sm); accepted: Linux x86_64, for which ROS 2 has wheels; use the Dockerfile instead
+
+help: ## List the targets.
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-8s %s\n", $$1, $$2 }' Makefile
+
+setup: .venv/packages.stamp ## Make .venv with Python 3.11 from requirements.lock, and the four packages in it.
+
+.venv/lock.stamp: requirements.lock
+	@test "$$(uname -sm)" = "Linux x86_64" || { echo "$(NO_PLATFORM)" >&2; exit 2; }
+	@test -n "$(PYTHON)" || { echo "$(NO_PYTHON)" >&2; exit 2; }
+	@$(BIN)/python -c "$(IS_USABLE)" 2>/dev/null || { set -x; "$(PYTHON)" -m venv --clear .venv; }
+	$(BIN)/python -m pip install -r requirements.lock
+	@touch $@
+
+.venv/packages.stamp: .venv/lock.stamp $(wildcard $(PACKAGES:%=%/setup.py) $(PACKAGES:%=%/setup.cfg))
+	$(BIN)/python -m pip install $(EDITABLE)
+	@touch $@
+
+demo: setup ## Record a demonstration, learn it, drive the robot; results in out/demo.
+	$(BIN)/demo $(ARGS)
+
+test: setup ## Run the tests (ARGS="-k bag" chooses some).
+	$(BIN)/python -m pytest tests --ignore=tests/bench $(ARGS)
+
+check: setup ## Lint, formatting, strict types, Dockerfile.
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/hadolint Dockerfile
+
+format: setup ## Put the code into the form that `make check` wants.
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+bench: setup ## Measure; figures in out/bench/summary.json.
+	$(BIN)/python -m pytest tests/bench -s $(ARGS)
+
+# Local versions (+cpu) and the CUDA packages that PyPI's torch names itself are left out, so the lock fits every machine.
+lock: ## Resolve requirements*.txt anew into requirements.lock.
+	@test -n "$(PYTHON)" || { echo "$(NO_PYTHON)" >&2; exit 2; }
+	"$(PYTHON)" -m venv --clear out/lock
+	out/lock/bin/pip install --quiet pip-tools==7.6.2
+	CUSTOM_COMPILE_COMMAND="make lock" out/lock/bin/pip-compile --quiet --upgrade --no-annotate --strip-extras --allow-unsafe \
+	    --no-emit-index-url --no-emit-find-links --output-file=out/lock/all requirements-dev.txt
+	sed -E '/^(nvidia|cuda|triton)/d; s/\+[a-z0-9.]+$$//' out/lock/all > requirements.lock
+
+clean: ## Remove everything that was made: .venv, out, build and cache folders.
+	rm -rf .venv out .pytest_cache .mypy_cache .ruff_cache .hypothesis ros_ws/build ros_ws/install ros_ws/log
+	rm -rf $(PACKAGES:%=%/build) $(foreach each,$(PACKAGES),$(each)/$(each).egg-info)
+	find $(PACKAGES) tests ros_ws -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,39 @@
+"""Installs with pip and with colcon; ROS itself (rclpy, messages) is named in package.xml, never here."""
+
+from setuptools import find_packages, setup
+
+NAME = "rled_agent"
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    description="Networks, learning from demonstrations, and the agent node.",
+    license="Apache-2.0",
+    maintainer="RLED maintainers",
+    maintainer_email="maintainers@rled.invalid",
+    python_requires=">=3.11",
+    packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+    ],
+    install_requires=[
+        "matplotlib",
+        "numpy",
+        "rled_msgs_py",
+        "rled_sim",
+        "rled_teleop",
+        "safetensors",
+        "torch",
+        "tqdm",
+        "tyro",
+    ],
+    zip_safe=False,
+    entry_points={
+        "console_scripts": [
+            "train_expert = rled_agent.train_expert:main",
+            "agent_node = rled_agent.agent_node:main",
+            "demo = rled_agent.demo:main",
+        ]
+    },
+)

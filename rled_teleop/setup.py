@@ -1,0 +1,28 @@
+"""Installs with pip and with colcon; ROS itself (rclpy, messages) is named in package.xml, never here."""
+
+from setuptools import find_packages, setup
+
+NAME = "rled_teleop"
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    description="Operators that drive the robot, and the recorder of demonstrations.",
+    license="Apache-2.0",
+    maintainer="RLED maintainers",
+    maintainer_email="maintainers@rled.invalid",
+    python_requires=">=3.11",
+    packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+    ],
+    install_requires=["numpy", "rled_msgs_py", "rled_sim", "tqdm"],
+    zip_safe=False,
+    entry_points={
+        "console_scripts": [
+            "teleop_scripted = rled_teleop.teleop_scripted:main",
+            "record_demos = rled_teleop.record_demos:main",
+        ]
+    },
+)
