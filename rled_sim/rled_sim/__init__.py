@@ -1,2 +1,1 @@
-"""TODO."""
-
+"""PyBullet world, robots, tasks, Gymnasium environments and the simulation node."""
