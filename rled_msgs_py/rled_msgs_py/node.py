@@ -111,7 +111,13 @@ def _require_domain() -> None:
         raise RledError(f"ROS_DOMAIN_ID is '{domain}'", "0 to 101", "set another domain id")
 
 
-def run_node(make: Callable[..., Node], params: type[Any], program: str, summary: str) -> None:
+def run_node(
+    make: Callable[..., Node],
+    params: type[Any],
+    program: str,
+    summary: str,
+    work: Callable[[Any], None] | None = None,
+) -> None:
     """``main`` of a node: parse the command line, spin until SIGINT or SIGTERM, destroy, shut down.
 
     Args:
@@ -119,6 +125,7 @@ def run_node(make: Callable[..., Node], params: type[Any], program: str, summary
         params: parameter dataclass, for ``--name value`` and ``--help``.
         program: name of the executable.
         summary: what it does, for ``--help``.
+        work: what is done with the node, to spin it by default.
     """
 
     def main() -> None:
@@ -130,7 +137,7 @@ def run_node(make: Callable[..., Node], params: type[Any], program: str, summary
         node: Node | None = None
         try:
             node = make(parameter_overrides=overrides)
-            spin(node)
+            (work or spin)(node)
         except (KeyboardInterrupt, ExternalShutdownException):
             pass
         finally:

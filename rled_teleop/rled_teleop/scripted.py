@@ -58,6 +58,11 @@ class ScriptedOperator:
         self._joining: Joining | None = None
 
     @property
+    def points(self) -> int:
+        """Points of ζᵃ to mark."""
+        return len(self._curve)
+
+    @property
     def points_marked(self) -> int:
         """Points of ζᵃ marked so far."""
         return len(self._marking.joints) if self._marking else 0
@@ -95,6 +100,18 @@ class ScriptedOperator:
 
     def _join(self, marking: Marking) -> Joining:
         return Joining(np.array(marking.positions), np.array(marking.joints), self._steer)
+
+
+def spread(targets: Floats, count: int) -> Floats:
+    """``count`` of the points of a curve, evenly spread: (k, 3) -> (count, 3).
+
+    Raises:
+        RledError: there are not that many.
+    """
+    if count > len(targets):
+        raise RledError(f"{count} points of the target curve", f"1 to {len(targets)}", "mark fewer points")
+    chosen: Floats = targets[np.arange(count) * len(targets) // count]
+    return chosen
 
 
 def require_reachable(task: TaskDescription, curve: Floats, targets: Floats) -> None:

@@ -10,7 +10,7 @@ from rled_msgs_py.tick import Tick
 from rled_sim.kinematics import Chain
 from rled_teleop.imperfection import Hand, Imperfection
 from rled_teleop.motion import PATIENCE
-from rled_teleop.scripted import Answer, ScriptedOperator, require_reachable
+from rled_teleop.scripted import Answer, ScriptedOperator, require_reachable, spread
 
 Curve = Callable[[int], np.ndarray]
 History = list[tuple[Tick, Answer]]
@@ -189,3 +189,13 @@ def test_points_too_far_apart_for_the_targets_are_refused(task: TaskDescription,
     require_reachable(task, circle(60), circle(400))
     with pytest.raises(RledError, match="mark more points"):
         require_reachable(task, circle(4), circle(400))
+
+
+def test_points_are_spread_evenly_over_the_curve(circle: Curve) -> None:
+    np.testing.assert_allclose(spread(circle(400), 40), circle(40), atol=1e-12)
+    np.testing.assert_array_equal(spread(circle(400), 400), circle(400))
+
+
+def test_more_points_than_the_curve_has_are_refused(circle: Curve) -> None:
+    with pytest.raises(RledError, match="accepted: 1 to 400"):
+        spread(circle(400), 401)

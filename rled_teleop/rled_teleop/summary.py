@@ -1,0 +1,69 @@
+"""What a recording holds, read back from its bag."""
+
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from rled_msgs_py.bags import Bag
+from rled_msgs_py.records import TaskStatus
+from rled_msgs_py.topics import JOINT_DELTA, JOINT_STATES, MARKED_JOINT_STATES, TASK_STATUS
+
+
+class Summary(NamedTuple):
+    """What a recording holds.
+
+    Attributes:
+        path: the bag.
+        messages: on all topics.
+        points: marked, ζᵃ.
+        trajectories: targets reached after the last mark, ζᵇ.
+        states: ticks.
+        unanswered: ticks but the last that no delta answers.
+        seconds: of simulation time.
+    """
+
+    path: Path
+    messages: int
+    points: int
+    trajectories: int
+    states: int
+    unanswered: int
+    seconds: float
+
+    def __str__(self) -> str:
+        answers = f" ({self.unanswered} without an answer)" if self.unanswered else ""
+        return (
+            f"{self.path}: {self.messages} messages, {self.points} points, {self.trajectories} trajectories, "
+            f"{self.states} states{answers}, {self.seconds:.2f} s of simulation"
+        )
+
+
+def summarise(path: Path) -> Summary:
+    """Read a bag and sum it up.
+
+    Raises:
+        BagError: it cannot be read.
+    """
+    bag = Bag(path)
+    states, deltas = bag.joints(JOINT_STATES).stamps, bag.joints(JOINT_DELTA).stamps
+    marks = bag.joints(MARKED_JOINT_STATES).stamps
+    return Summary(
+        path=path,
+        messages=bag.message_count,
+        points=len(marks),
+        trajectories=_targets_reached(bag, int(marks[-1]) if len(marks) else -1),
+        states=len(states),
+        unanswered=int((~np.isin(states[:-1], deltas)).sum()),
+        seconds=float(states[-1] - states[0]) * 1e-9 if len(states) else 0.0,
+    )
+
+
+def _targets_reached(bag: Bag, after: int) -> int:
+    """Targets reached after a stamp (ns), over all episodes."""
+    statuses = (each for each in bag.records(TASK_STATUS) if isinstance(each, TaskStatus) and each.stamp >= after)
+    return sum(
+        now.targets_reached - before.targets_reached
+        for before, now in pairwise(statuses)
+        if now.episode == before.episode
+    )

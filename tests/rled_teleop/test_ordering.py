@@ -1,0 +1,71 @@
+import struct
+from itertools import permutations
+
+from rled_msgs_py.topics import EE_POSE, JOINT_DELTA, JOINT_STATES, MARKERS, ROBOT_DESCRIPTION, Topic
+from rled_teleop.ordering import Ordering, stamp_of
+
+RANKS = {ROBOT_DESCRIPTION: 0, JOINT_STATES: 1, EE_POSE: 2, JOINT_DELTA: 3}
+
+
+def message(stamp: int, payload: bytes = b"payload.") -> bytes:
+    return b"\x00\x01\x00\x00" + struct.pack("<iI", *divmod(stamp, 10**9)) + payload
+
+
+def order_of(messages: list[tuple[Topic, bytes]]) -> list[tuple[int, str]]:
+    ordering = Ordering()
+    for topic, data in messages:
+        ordering.add(topic, RANKS[topic], data)
+    return [(each.stamp, each.topic.name) for each in ordering.rest()]
+
+
+def test_the_stamp_of_a_little_and_a_big_endian_message_is_read() -> None:
+    assert stamp_of(JOINT_STATES, message(3_000_000_020)) == 3_000_000_020
+    assert stamp_of(JOINT_STATES, b"\x00\x00\x00\x00" + struct.pack(">iI", 3, 20)) == 3_000_000_020
+
+
+def test_a_text_a_marker_array_and_a_stump_have_no_stamp() -> None:
+    assert stamp_of(ROBOT_DESCRIPTION, message(5)) is None
+    assert stamp_of(MARKERS, message(5)) is None
+    assert stamp_of(JOINT_STATES, b"\x00\x01\x00\x00\x00") is None
+
+
+def test_any_delivery_of_two_ticks_gives_one_order() -> None:
+    delivered = [(topic, message(stamp)) for stamp in (0, 20) for topic in (JOINT_STATES, EE_POSE, JOINT_DELTA)]
+    expected = [(stamp, name) for stamp in (0, 20) for name in ("joint_states", "ee_pose", "joint_delta")]
+    assert all(order_of(list(each)) == expected for each in permutations(delivered))
+
+
+def test_a_text_is_filed_under_the_first_stamp() -> None:
+    assert order_of([(ROBOT_DESCRIPTION, b"text"), (JOINT_STATES, message(40))]) == [
+        (40, "robot_description"),
+        (40, "joint_states"),
+    ]
+
+
+def test_a_text_without_any_stamp_is_filed_under_zero() -> None:
+    assert order_of([(ROBOT_DESCRIPTION, b"text")]) == [(0, "robot_description")]
+
+
+def test_messages_of_one_topic_and_stamp_keep_their_order() -> None:
+    ordering = Ordering()
+    for number in range(5):
+        ordering.add(JOINT_STATES, 1, message(20, bytes([number])))
+    assert [each.data[-1] for each in ordering.rest()] == [0, 1, 2, 3, 4]
+
+
+def test_a_message_waits_for_two_calls_at_most() -> None:
+    ordering = Ordering()
+    ordering.add(JOINT_STATES, 1, message(20))
+    assert ordering.due() == []
+    ordering.add(JOINT_STATES, 1, message(40))
+    assert [each.stamp for each in ordering.due()] == [20]
+    assert [each.stamp for each in ordering.due()] == [40]
+    assert ordering.due() == []
+
+
+def test_a_stamp_before_the_newest_is_not_held_back() -> None:
+    ordering = Ordering()
+    ordering.add(JOINT_STATES, 1, message(1000))
+    ordering.due()
+    ordering.add(JOINT_STATES, 1, message(20))
+    assert [each.stamp for each in ordering.due()] == [20, 1000]
