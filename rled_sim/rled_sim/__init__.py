@@ -1,1 +1,10 @@
-"""PyBullet world, robots, tasks, Gymnasium environments and the simulation node."""
+"""PyBullet world, robots, tasks, Gymnasium environments and the simulation node.
+
+Importing it registers ``rled/PandaReach-v0`` and ``rled/PlanarReach-v0`` with Gymnasium, by name: neither PyBullet nor
+ROS is loaded before an environment is made or the node starts.
+"""
+
+from gymnasium.envs.registration import register
+
+register("rled/PandaReach-v0", entry_point="rled_sim.envs:ReachEnv", kwargs={"robot": "panda"})
+register("rled/PlanarReach-v0", entry_point="rled_sim.envs:ReachEnv", kwargs={"robot": "planar"})

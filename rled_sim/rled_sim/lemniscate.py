@@ -18,4 +18,5 @@ def lemniscate(count: int, centre: ArrayLike, along: ArrayLike, across: ArrayLik
     """
     t = 2.0 * np.pi * np.arange(count)[:, None] / count  # (count, 1)
     x = np.cos(t) / (1.0 + np.sin(t) ** 2)
-    return np.asarray(centre) + x * np.asarray(along) + np.sin(t) * x * np.asarray(across)
+    points: NDArray[np.float64] = np.asarray(centre) + x * np.asarray(along) + np.sin(t) * x * np.asarray(across)
+    return points

@@ -1,0 +1,120 @@
+"""Gymnasium environments: a thin view of the simulation."""
+
+import time
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from rled_msgs_py.errors import RledError
+from rled_msgs_py.task import Reward
+
+from rled_sim.robots import robot_named
+from rled_sim.simulation import Simulation
+from rled_sim.tasks import reach_task
+from rled_sim.world import Transition, World, has_display
+
+Floats = NDArray[np.float32]
+
+
+class ReachEnv(gymnasium.Env[Floats, Floats]):
+    """A robot reaching targets, see ``rled_sim.tasks``.
+
+    Action: joint displacements Δq (rad), shape (n,), within ±Δq_max. Observation: ``TaskDescription.observe``. ``info``
+    has ``targets_reached``, ``violations`` and ``risky``, and with motors ``contacts``, the pairs that touch.
+    """
+
+    metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 50}  # noqa: RUF012
+
+    def __init__(
+        self,
+        robot: str,
+        *,
+        reward: Reward = "dense",
+        start_joints: ArrayLike | None = None,
+        transition: Transition = "kinematic",
+        targets_per_episode: int | None = None,
+        max_steps: int | None = None,
+        render_mode: str | None = None,
+    ) -> None:
+        """Open the environment.
+
+        Args:
+            robot: name of the robot.
+            reward: ``dense`` or ``sparse``.
+            start_joints: joint angles that episodes start at (rad), shape (k, n); the robot's home when None.
+            transition: ``kinematic`` (Eq. 4.28) or ``motors`` (physics).
+            targets_per_episode: targets that end an episode, 0 never; the task's own when None.
+            max_steps: steps that cut an episode, 0 never; the task's own when None.
+            render_mode: ``human`` for PyBullet's window, ``rgb_array`` for pictures.
+
+        Raises:
+            RledError: unknown robot, or start joints that do not fit it.
+        """
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise RledError(f"render_mode '{render_mode}'", ", ".join(self.metadata["render_modes"]))
+        self.render_mode = render_mode
+        gui = render_mode == "human" and has_display()
+        if render_mode == "human" and not gui:
+            gymnasium.logger.warn("render_mode 'human' shows nothing: no X display in DISPLAY")
+        chosen = robot_named(robot)
+        task = reach_task(chosen, reward=reward, targets_per_episode=targets_per_episode, max_steps=max_steps)
+        self.task = task.description
+        self._period = self.task.period * 1e-9
+        world = World(chosen, transition, self._period, gui)
+        self._simulation = Simulation(world, task, start_joints)
+        self._reports_contacts = transition == "motors"
+        self._axes, self._relative = self.task.axes, self.task.observation == "displacement_and_joints"
+        lower, upper = self.task.observation_bounds()
+        self.observation_space = gymnasium.spaces.Box(lower.astype(np.float32), upper.astype(np.float32))
+        most = self.task.max_delta
+        self.action_space = gymnasium.spaces.Box(-most, most, (self.task.action_size,), np.float32)
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Floats, dict[str, Any]]:
+        """Begin an episode; a seed begins the random draws anew."""
+        super().reset(seed=seed)
+        self._simulation.reset(self.np_random)
+        self._show()
+        return self._observation(), self._info()
+
+    def step(self, action: Floats) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
+        """Displace the joints by ``action`` (rad), shape (n,)."""
+        reward, terminated, truncated = self._simulation.step(action.tolist())
+        if self.render_mode == "human":
+            self._show()
+        return self._observation(), reward, terminated, truncated, self._info()
+
+    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+        """A picture, shape (480, 640, 3); nothing in the mode ``human``, whose window is always up to date."""
+        if self.render_mode != "rgb_array":
+            return None
+        self._simulation.world.show_target(self._simulation.episode.target)
+        return self._simulation.world.picture()
+
+    def close(self) -> None:
+        """Close the world."""
+        self._simulation.world.close()
+
+    def _observation(self) -> Floats:
+        # TaskDescription.observe with plain numbers: the same bits (a test), without numpy's cost per call.
+        world, target = self._simulation.world, self._simulation.episode.target
+        tip = world.position
+        if self._relative:
+            return np.array([target[axis] - tip[axis] for axis in self._axes] + world.q, np.float32)
+        return np.array([point[axis] for point in (tip, target) for axis in self._axes], np.float32)
+
+    def _info(self) -> dict[str, Any]:
+        episode = self._simulation.episode
+        info: dict[str, Any] = {
+            "targets_reached": episode.targets_reached,
+            "violations": episode.violations,
+            "risky": episode.risky,
+        }
+        if self._reports_contacts:
+            info["contacts"] = self._simulation.world.contacts()
+        return info
+
+    def _show(self) -> None:
+        if self.render_mode == "human":
+            self._simulation.world.show_target(self._simulation.episode.target)
+            time.sleep(self._period)

@@ -1,0 +1,61 @@
+"""Robot, world and task together: the decision process that both the environments and the node step."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+from rled_msgs_py.errors import RledError
+
+from rled_sim.starts import start_points
+from rled_sim.tasks import Episode, Outcome, ReachTask
+from rled_sim.world import World
+
+
+class Simulation:
+    """One robot at one task; ``reset`` comes first.
+
+    The same generator state and the same displacements give the same numbers, bit for bit.
+
+    Attributes:
+        world: where the robot is.
+        task: what it is to do.
+        episode: how far it has come.
+    """
+
+    def __init__(self, world: World, task: ReachTask, start_joints: ArrayLike | None = None) -> None:
+        """Join a world and a task.
+
+        Args:
+            world: the robot's world, which is closed with this.
+            task: the robot's task.
+            start_joints: joint angles that episodes start at (rad), shape (k, n); the robot's home when None.
+
+        Raises:
+            RledError: start joints of another shape, or outside the joint limits.
+        """
+        self.world, self.task = world, task
+        self._starts = [world.home] if start_joints is None else start_points(start_joints, task.description)
+        self._max_delta, self._size = task.description.max_delta, task.description.action_size
+
+    def reset(self, rng: np.random.Generator) -> None:
+        """Begin an episode: draw the start, then the target; ``rng`` draws the next targets too."""
+        self._rng = rng
+        self.world.place(self._starts[rng.integers(len(self._starts))])
+        self.episode = Episode(self.task, self.world.q, self.world.position, self.task.draw_target(rng))
+
+    def step(self, delta: Sequence[float]) -> Outcome:
+        """Displace the joints by Δq (rad), n, clipped to ±Δq_max, and count the transition.
+
+        Raises:
+            RledError: another number of joints, a NaN or an infinity.
+        """
+        if len(delta) != self._size or not math.isfinite(sum(delta)):
+            raise RledError(f"displacement {list(delta)}", f"{self._size} finite numbers (rad)")
+        most = self._max_delta
+        self.world.move([-most if each < -most else most if each > most else each for each in delta])
+        return self.episode.advance(self.world.q, self.world.position, self._rng)
+
+    def hold(self) -> None:
+        """Let one period pass without a displacement; the task does not count it."""
+        self.world.move([0.0] * self._size)

@@ -1,0 +1,215 @@
+"""The reach tasks of sections 4.1.3 and 4.2.3: targets, rewards, risky states, the end of an episode."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from rled_msgs_py.task import Reward, TaskDescription
+
+from rled_sim.lemniscate import lemniscate
+from rled_sim.robots import Robot
+
+Point = tuple[float, float, float]
+Risk = Callable[[Sequence[float], Point], bool]
+
+FRAME = "world"
+PERIOD = 20_000_000
+"""Simulation time between ticks (ns)."""
+FLOOR_CLEARANCE = 0.05
+"""Panda: a tool lower than this above the floor (m) is a risky state."""
+KEEP_OUT, REACH = 0.40, 0.95
+"""Planar: a tip nearer to the base than the first or farther than the second (m) is a risky state."""
+TURN = 2.0
+"""Planar: a shoulder turned further than this either way (rad) is a risky state."""
+
+
+@dataclass(frozen=True)
+class ReachTask:
+    """Reach one target after another with the end effector; its orientation does not matter.
+
+    The reward of a transition that ends in x' with squared distance ‖e‖² from the target is
+
+    - dense: -‖e‖², plus u when ‖e‖² < ε_x;
+    - sparse: u when ‖e‖² < ε_x, else 0;
+
+    and ``penalty`` less in a risky state. The thesis prints the dense reward without the minus, which would pay for
+    staying away.
+
+    Attributes:
+        description: what is published of the task.
+        targets: points that targets are drawn from (m), shape (k, 3).
+        risky: tells from joint angles and tip whether a state is risky.
+        penalty: taken off the reward in a risky state (1).
+    """
+
+    description: TaskDescription
+    targets: NDArray[np.float64]
+    risky: Risk
+    penalty: float
+
+    def draw_target(self, rng: np.random.Generator) -> Point:
+        """One of the targets, each as likely as the other."""
+        x, y, z = self.targets[rng.integers(len(self.targets))].tolist()
+        return x, y, z
+
+    def reward(self, squared_distance: float, reached: bool, risky: bool) -> float:
+        """Reward of a transition, from the state that it led to."""
+        reward = self.description.reward_reached if reached else 0.0
+        if self.description.reward == "dense":
+            reward -= squared_distance
+        return reward - self.penalty if risky else reward
+
+
+class Outcome(NamedTuple):
+    """What the task says of one transition."""
+
+    reward: float
+    terminated: bool
+    truncated: bool
+
+
+class Episode:
+    """The counters of one episode.
+
+    Attributes:
+        target: point to reach (m).
+        steps: transitions so far.
+        targets_reached: targets reached.
+        risky: the present state is risky.
+        violations: risky states so far, the first state included.
+        outcome: of the last transition.
+    """
+
+    def __init__(self, task: ReachTask, q: Sequence[float], position: Point, target: Point) -> None:
+        self._task = task
+        self.target = target
+        self.steps = self.targets_reached = 0
+        self.risky = task.risky(q, position)
+        self.violations = int(self.risky)
+        self.outcome = Outcome(0.0, False, False)
+
+    @property
+    def over(self) -> bool:
+        """No transition may follow."""
+        return self.outcome.terminated or self.outcome.truncated
+
+    def advance(self, q: Sequence[float], position: Point, rng: np.random.Generator) -> Outcome:
+        """Count a transition to joint angles ``q`` (rad) and tip ``position`` (m).
+
+        A reached target becomes the start, and a new one is drawn unless it was the last, which terminates the episode.
+        The step limit truncates it: the state that it ends in has a value, and so a target.
+        """
+        task, limits = self._task, self._task.description
+        squared = squared_distance(position, self.target)
+        reached = squared < limits.tolerance
+        self.risky = task.risky(q, position)
+        self.steps += 1
+        self.violations += self.risky
+        self.targets_reached += reached
+        terminated = reached and self.targets_reached == limits.targets_per_episode
+        truncated = not terminated and self.steps == limits.max_steps
+        if reached and not terminated:
+            self.target = task.draw_target(rng)
+        self.outcome = Outcome(task.reward(squared, reached, self.risky), terminated, truncated)
+        return self.outcome
+
+
+def squared_distance(a: Point, b: Point) -> float:
+    """‖a - b‖² (m²)."""
+    x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
+    return x * x + y * y + z * z
+
+
+def panda_risk(q: Sequence[float], position: Point) -> bool:
+    """The tool is lower than ``FLOOR_CLEARANCE``."""
+    return position[2] < FLOOR_CLEARANCE
+
+
+def planar_risk(q: Sequence[float], position: Point) -> bool:
+    """The tip is in the keep-out disc or beyond the reach, or the shoulder is turned too far.
+
+    The distance from the base depends on the elbow alone, and falls with it, so the safe states are a box in joint
+    space: a straight line between two safe joint vectors is safe, and the demonstrator never violates.
+    """
+    return not KEEP_OUT <= math.hypot(position[0], position[1]) <= REACH or abs(q[0]) > TURN
+
+
+def reach_task(
+    robot: Robot,
+    *,
+    reward: Reward | None = None,
+    targets_per_episode: int | None = None,
+    max_steps: int | None = None,
+    period: int | None = None,
+) -> ReachTask:
+    """A robot's reach task, with the thesis's settings where nothing else is said.
+
+    Args:
+        robot: one that has a task.
+        reward: ``dense`` or ``sparse``.
+        targets_per_episode: targets that end an episode; 0 never ends it.
+        max_steps: steps after which an episode is cut; 0 never cuts it.
+        period: simulation time between ticks (ns).
+    """
+    task = _panda(robot) if robot.name == "panda" else _planar(robot)
+    options = {
+        "reward": reward,
+        "targets_per_episode": targets_per_episode,
+        "max_steps": max_steps,
+        "period": period,
+    }
+    chosen: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
+    return replace(task, description=replace(task.description, **chosen))
+
+
+def _panda(robot: Robot) -> ReachTask:
+    """Section 4.1.3: 15 targets on a lemniscate across the robot's front, at most 999 steps."""
+    description = _describe(
+        robot,
+        axes=(0, 1, 2),
+        workspace_lower=(-1.0, -1.0, -0.6),
+        workspace_upper=(1.0, 1.0, 1.4),
+        observation="displacement_and_joints",
+        reward_reached=1000.0,
+        tolerance=3e-3,
+        targets_per_episode=15,
+        max_steps=999,
+    )
+    curve = lemniscate(1572, centre=(0.5, 0.0, 0.5), along=(0.0, 0.25, 0.0), across=(0.0, 0.0, 0.25))
+    return ReachTask(description, curve, panda_risk, penalty=0.0)
+
+
+def _planar(robot: Robot) -> ReachTask:
+    """Section 4.2.3: from one point to another of a lemniscate in the plane, keeping clear of risky states."""
+    description = _describe(
+        robot,
+        axes=(0, 1),
+        workspace_lower=(-1.05, -1.05),
+        workspace_upper=(1.05, 1.05),
+        observation="position_and_target",
+        reward_reached=10.0,
+        tolerance=1e-3,
+        targets_per_episode=1,
+        max_steps=100,
+    )
+    curve = lemniscate(400, centre=(0.65, 0.0, 0.1), along=(0.0, 0.25, 0.0), across=(0.25, 0.0, 0.0))
+    return ReachTask(description, curve, planar_risk, penalty=1.0)
+
+
+def _describe(robot: Robot, **settings: Any) -> TaskDescription:
+    return TaskDescription(
+        robot=robot.name,
+        task="reach",
+        frame=FRAME,
+        tip_link=robot.tip_link,
+        joint_names=robot.joint_names,
+        joint_lower=robot.lower,
+        joint_upper=robot.upper,
+        max_delta=robot.max_delta,
+        reward="dense",
+        period=PERIOD,
+        **settings,
+    )
