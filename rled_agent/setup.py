@@ -23,7 +23,9 @@ setup(
         "rled_msgs_py",
         "rled_sim",
         "rled_teleop",
+        "gymnasium",
         "safetensors",
+        "tensorboard",
         "torch",
         "tqdm",
         "tyro",
@@ -32,6 +34,9 @@ setup(
     entry_points={
         "console_scripts": [
             "train_expert = rled_agent.train_expert:main",
+            "train_agent = rled_agent.train_agent:main",
+            "evaluate_agent = rled_agent.evaluate_agent:main",
+            "watch_episodes = rled_agent.watch_episodes:main",
             "agent_node = rled_agent.agent_node:main",
             "demo = rled_agent.demo:main",
         ]

@@ -1,2 +1,1 @@
-"""TODO."""
-
+"""Learners, behaviours and the safety gate of robot learning from expert demonstrations."""

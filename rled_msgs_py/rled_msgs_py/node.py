@@ -5,6 +5,8 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
 from typing import Any, TypeVar
 
 import rclpy
@@ -24,6 +26,7 @@ from rclpy.subscription import Subscription
 from rled_msgs_py.convert import MESSAGE_CLASSES, from_msg, qos_profile
 from rled_msgs_py.errors import ContractError, RledError, command_line
 from rled_msgs_py.params import Spec, build, parameters_of, parse_command_line
+from rled_msgs_py.tick import STATE_TOPICS, StateRecord, Tick, TickAssembler
 from rled_msgs_py.topics import Topic
 
 P = TypeVar("P")
@@ -34,18 +37,46 @@ def advertise(node: Node, topic: Topic) -> Publisher:
     return node.create_publisher(MESSAGE_CLASSES[topic.type], topic.name, qos_profile(topic.qos))
 
 
-def subscribe(node: Node, topic: Topic, callback: Callable[[Any], None]) -> Subscription:
-    """Call ``callback`` with each record on a topic; a bad message is refused, logged and dropped."""
+def subscribe(
+    node: Node,
+    topic: Topic,
+    callback: Callable[[Any], None],
+    refused: Callable[[ContractError], None] | None = None,
+) -> Subscription:
+    """Call ``callback`` with each record on a topic; a bad message is dropped, and logged or given to ``refused``."""
+
+    def warn(error: ContractError) -> None:
+        node.get_logger().warning(f"{topic.name}: {error}", throttle_duration_sec=1.0)
 
     def received(msg: Any) -> None:
         try:
             record = from_msg(topic, msg)
         except ContractError as error:
-            node.get_logger().warning(f"{topic.name}: {error}", throttle_duration_sec=1.0)
+            (refused or warn)(error)
             return
         callback(record)
 
     return node.create_subscription(MESSAGE_CLASSES[topic.type], topic.name, received, qos_profile(topic.qos))
+
+
+def subscribe_ticks(node: Node, callback: Callable[[Tick], None], depth: int | None = None) -> None:
+    """Call ``callback`` with each complete tick.
+
+    Args:
+        node: the node.
+        callback: takes the tick.
+        depth: of the readers' queues, when another than the contract's is needed.
+    """
+    assembler = TickAssembler()
+
+    def received(name: str, record: StateRecord) -> None:
+        tick = assembler.add(name, record)
+        if tick is not None:
+            callback(tick)
+
+    for topic in STATE_TOPICS:
+        deep = replace(topic, qos=replace(topic.qos, depth=depth or topic.qos.depth))
+        subscribe(node, deep, partial(received, topic.name))
 
 
 def _descriptor(spec: Spec, default: Any) -> ParameterDescriptor:

@@ -1,0 +1,76 @@
+"""A checkpoint: one safetensors file whose header holds JSON, no pickle anywhere."""
+
+import json
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from rled_msgs_py.errors import RledError
+from rled_msgs_py.files import whole_file
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import Tensor
+
+FORMAT = "rled-checkpoint"
+VERSION = 1
+
+
+class CheckpointError(RledError):
+    """A checkpoint that can't be written or read."""
+
+
+class Checkpoint(NamedTuple):
+    """State of a run.
+
+    Attributes:
+        tensors: arrays by dotted name.
+        state: everything else, plain JSON values.
+    """
+
+    tensors: dict[str, Tensor]
+    state: dict[str, Any]
+
+
+def write_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
+    """Write a checkpoint whole; what stood there before stays until the new one is complete.
+
+    Raises:
+        CheckpointError: the disk is full or can't be written.
+    """
+    header = {"format": FORMAT, "version": str(VERSION), "state": json.dumps(checkpoint.state)}
+    try:
+        with whole_file(path) as temporary:
+            save_file({name: each.contiguous() for name, each in checkpoint.tensors.items()}, temporary, header)
+    except (OSError, SafetensorError) as error:
+        raise CheckpointError(
+            f"can't write {path} ({error})", "", "free disk space; the last good checkpoint is untouched"
+        ) from None
+
+
+def read_checkpoint(path: Path) -> Checkpoint:
+    """Read what ``write_checkpoint`` wrote.
+
+    Raises:
+        CheckpointError: missing, damaged, or of another program or version.
+    """
+    header, tensors = read_tensors(path, FORMAT, VERSION)
+    return Checkpoint(tensors, json.loads(header["state"]))
+
+
+def read_tensors(path: Path, form: str, version: int) -> tuple[dict[str, str], dict[str, Tensor]]:
+    """Header and tensors of a safetensors file of ours.
+
+    Raises:
+        CheckpointError: missing, damaged, or of another program or version.
+    """
+    if not path.is_file():
+        raise CheckpointError(f"there is no {path}", f"a {form} file")
+    try:
+        with safe_open(path, "pt") as file:
+            header = file.metadata() or {}
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    except (SafetensorError, OSError, RuntimeError) as error:
+        raise CheckpointError(f"{path} is damaged ({str(error).splitlines()[0]})", f"a whole {form} file") from None
+    found = f"{header.get('format', 'of no format')} {header.get('version', '')}".strip()
+    if found != f"{form} {version}":
+        raise CheckpointError(f"{path} is {found}", f"{form} {version}", "make it again with this version")
+    return header, tensors

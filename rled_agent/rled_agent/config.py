@@ -1,0 +1,130 @@
+"""Settings of a training run."""
+
+import dataclasses
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from rled_msgs_py.errors import RledError
+
+from rled_agent.learner import LearnerConfig
+from rled_agent.uncertainty import Measure
+
+
+class ConfigError(RledError):
+    """A setting out of its range."""
+
+
+@dataclass(frozen=True)
+class BehaviourConfig:
+    """Who acts while learning."""
+
+    name: Literal["biased", "gate"] = "biased"
+    """biased: the expert drives an episode with probability phi; gate: it acts where the actor is unsure"""
+    phi: float = 0.1
+    """probability of policy reuse Φ (Eq. 4.11); 0 is pure TD3"""
+    threshold: float = 1e-3
+    """ξ of Eq. 4.40: at this uncertainty or more the expert acts"""
+    measure: Measure = "qcd"
+    """qcd: quartile coefficient of dispersion (Eq. 4.39); iqr: interquartile range over the action range"""
+    passes: int = 30
+    """N, stochastic passes of the actor; only an actor with dropout is asked for its uncertainty"""
+    noise: float = 0.1
+    """δ, deviation of the exploration noise, in halves of the action range"""
+
+
+@dataclass(frozen=True)
+class ScheduleConfig:
+    """When to act, to learn, to look and to save, in environment steps."""
+
+    steps: int = 150_000
+    """environment steps in all"""
+    train_after: int = 10_000
+    """steps before the first gradient step"""
+    train_every: int = 1_000
+    """steps between bursts of gradient steps"""
+    gradient_steps: int = 1_000
+    """K, gradient steps in a burst"""
+    batch_size: int = 100
+    """transitions in a gradient step"""
+    expert_share: float = 0.0
+    """share of each batch that is drawn from the demonstrations instead of the replay"""
+    capacity: int = 1_000_000
+    """transitions kept for replay"""
+    evaluate_every: int = 5_000
+    """steps between evaluations"""
+    evaluation_episodes: int = 20
+    """episodes in an evaluation"""
+    log_every: int = 1_000
+    """steps between rows of metrics.csv"""
+    checkpoint_every: int = 10_000
+    """steps between checkpoints, a multiple of log_every"""
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """Everything that decides a run besides its demonstrations."""
+
+    env: str = "rled/PandaReach-v0"
+    """Gymnasium environment"""
+    reward: Literal["dense", "sparse", "own"] = "dense"
+    """reward function of section 4.1.3; own: what the environment pays"""
+    seed: int = 0
+    """of everything that is drawn; the same seed gives the same run"""
+    behaviour: BehaviourConfig = field(default_factory=BehaviourConfig)
+    schedule: ScheduleConfig = field(default_factory=ScheduleConfig)
+    learner: LearnerConfig = field(default_factory=LearnerConfig)
+
+    def __post_init__(self) -> None:
+        for name, (low, high) in RANGES.items():
+            value = self.value(name)
+            if not low <= value <= high:
+                raise ConfigError(f"{name} is {value}", f"{low:g} to {high:g}")
+        if self.schedule.checkpoint_every % self.schedule.log_every:
+            raise ConfigError(
+                f"schedule.checkpoint_every is {self.schedule.checkpoint_every}",
+                f"a multiple of schedule.log_every ({self.schedule.log_every})",
+            )
+
+    def value(self, name: str) -> Any:
+        """A setting by its dotted name."""
+        owner: Any = self
+        for part in name.split("."):
+            owner = getattr(owner, part)
+        return owner
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        return dataclasses.asdict(self)
+
+
+MANY = 10**12
+RANGES: dict[str, tuple[float, float]] = {
+    "behaviour.phi": (0, 1),
+    "behaviour.threshold": (0, MANY),
+    "behaviour.passes": (2, 10_000),
+    "behaviour.noise": (0, 10),
+    "schedule.steps": (1, MANY),
+    "schedule.train_after": (1, MANY),
+    "schedule.train_every": (1, MANY),
+    "schedule.gradient_steps": (0, MANY),
+    "schedule.batch_size": (1, 1_000_000),
+    "schedule.expert_share": (0, 1),
+    "schedule.capacity": (1, 1e9),
+    "schedule.evaluate_every": (1, MANY),
+    "schedule.evaluation_episodes": (1, 100_000),
+    "schedule.log_every": (1, MANY),
+    "schedule.checkpoint_every": (1, MANY),
+    "learner.gamma": (0, 1),
+    "learner.actor_rate": (0, 1),
+    "learner.critic_rate": (0, 1),
+    "learner.rate_decay": (0, MANY),
+    "learner.tau": (0, 1),
+    "learner.critics": (1, 2),
+    "learner.delay": (1, 1000),
+    "learner.target_noise": (0, 10),
+    "learner.target_clip": (0, 10),
+    "learner.cloning_weight": (0, 1e6),
+    "learner.actor.dropout": (0, 0.95),
+    "learner.critic.dropout": (0, 0),
+}
+"""Closed ranges; the update drops no units of a critic."""

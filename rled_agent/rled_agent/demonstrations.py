@@ -1,0 +1,250 @@
+"""Demonstrations as arrays: the points ζᵃ, the trajectories ζᵇ in closed form, and recorded trajectories."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import NamedTuple, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from rled_msgs_py.bags import Bag
+from rled_msgs_py.errors import RledError
+from rled_msgs_py.task import TaskDescription
+from rled_msgs_py.topics import EE_POSE, JOINT_DELTA, JOINT_STATES, MARKED_EE_POSE, MARKED_JOINT_STATES, TARGET_POSE
+from rled_sim.kinematics import Chain
+
+Floats = NDArray[np.float64]
+
+
+class DemonstrationError(RledError):
+    """A bag that holds no usable demonstration."""
+
+
+class StateActions(NamedTuple):
+    """Demonstrated pairs (xᵈ, Δqᵈ).
+
+    Attributes:
+        observations: x, shape (k, o).
+        actions: Δq (rad), shape (k, n).
+    """
+
+    observations: Floats
+    actions: Floats
+
+
+class Moves(NamedTuple):
+    """Demonstrated transitions in joint and task space.
+
+    Attributes:
+        q: joint angles before (rad), shape (k, n).
+        position: end effector before (m), shape (k, 3).
+        target: target (m), shape (k, 3).
+        action: Δq (rad), shape (k, n).
+    """
+
+    q: Floats
+    position: Floats
+    target: Floats
+    action: Floats
+
+    def replaced(self, which: NDArray[np.bool_], others: "Moves") -> "Moves":
+        """The same with the chosen transitions taken from ``others``, in order."""
+        columns = [column.copy() for column in self]
+        for column, other in zip(columns, others, strict=True):
+            column[which] = other
+        return Moves(*columns)
+
+
+class Demonstrations(Protocol):
+    """Where expert pairs are drawn from."""
+
+    @property
+    def task(self) -> TaskDescription:
+        """Robot and task."""
+        ...
+
+    def __len__(self) -> int:
+        """Number of demonstrated transitions."""
+        ...
+
+    def sample(self, size: int, generator: np.random.Generator) -> StateActions:
+        """Draw ``size`` pairs uniformly, with replacement."""
+        ...
+
+    def split(self, share: float, generator: np.random.Generator) -> tuple[Self, Self]:
+        """Set a share of the trajectories aside: (the rest, the share)."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class DemonstrationPoints:
+    """ζᵃ: poses that the operator marked (section 4.1.3).
+
+    Attributes:
+        positions: end effector X_i (m), shape (k, 3).
+        joints: joint angles q_i (rad), shape (k, n).
+    """
+
+    positions: Floats
+    joints: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class JoinedPoints:
+    """ζᵇ in closed form: every ordered pair of points of ζᵃ, joined by the demonstrated action.
+
+    The motion from q_i to q_j is a straight line in joint space, at most Δq_max per step in the joint that
+    has farthest to go. Its k-th step is known without the steps before it, so ζᵇ is never stored: drawing
+    uniformly from its transitions means drawing a pair with weight T_ij = ⌈max_k |q_j,k − q_i,k| / Δq_max⌉ and a
+    step uniformly.
+
+    Attributes:
+        task: robot and task.
+        points: ζᵃ.
+        chain: forward kinematics f.
+        pairs: which ordered pairs belong, shape (k, k); all of them when not given.
+    """
+
+    task: TaskDescription
+    points: DemonstrationPoints
+    chain: Chain
+    pairs: NDArray[np.bool_] | None = None
+
+    @cached_property
+    def _ends(self) -> NDArray[np.int64]:
+        """Running number of transitions after each pair (i, j), in row order, shape (k * k,)."""
+        q = self.points.joints
+        farthest = np.zeros((len(q), len(q)))
+        for joint in q.T:
+            np.maximum(farthest, np.abs(joint[:, None] - joint), out=farthest)
+        steps = np.ceil(farthest / self.task.max_delta - 1e-9).astype(np.int64)
+        if self.pairs is not None:
+            steps *= self.pairs
+        return np.cumsum(steps.ravel())
+
+    def __len__(self) -> int:
+        """Number of transitions in ζᵇ."""
+        return int(self._ends[-1])
+
+    def sample(self, size: int, generator: np.random.Generator) -> StateActions:
+        """Draw ``size`` transitions of ζᵇ uniformly."""
+        drawn = self.draw(size, generator)
+        return StateActions(self.task.observe(drawn.q, drawn.position, drawn.target), drawn.action)
+
+    def draw(self, size: int, generator: np.random.Generator) -> "Moves":
+        """Draw ``size`` transitions of ζᵇ uniformly, before they are made observations of."""
+        return self.at(generator.integers(len(self), size=size))
+
+    def at(self, transition: NDArray[np.int64]) -> "Moves":
+        """The transitions of the given running numbers, shape (k,)."""
+        pair = np.searchsorted(self._ends, transition, side="right")
+        before = np.where(pair > 0, self._ends[pair - 1], 0)
+        start, goal = np.divmod(pair, len(self.points.joints))
+        q_0, q_goal = self.points.joints[start], self.points.joints[goal]  # (k, n)
+        way = q_goal - q_0  # (k, n)
+        length = np.abs(way).max(axis=1, keepdims=True)  # (k, 1), e_qmax at the start
+        done = (transition - before)[:, None] * self.task.max_delta  # (k, 1)
+        q = q_0 + way * (done / length)
+        action = way / length * np.minimum(length - done, self.task.max_delta)
+        return Moves(q, self.chain.position(q), self.points.positions[goal], action)
+
+    def split(self, share: float, generator: np.random.Generator) -> tuple["JoinedPoints", "JoinedPoints"]:
+        """Set a share of the pairs aside."""
+        k = len(self.points.joints)
+        aside = generator.random((k, k)) < share
+        both = np.ones((k, k), dtype=bool) if self.pairs is None else self.pairs
+        return (
+            JoinedPoints(self.task, self.points, self.chain, both & ~aside),
+            JoinedPoints(self.task, self.points, self.chain, both & aside),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedTrajectories:
+    """Transitions as they travelled on the topics.
+
+    Attributes:
+        task: robot and task.
+        observations: x, shape (k, o).
+        actions: Δq (rad), shape (k, n).
+        trajectory: number of the trajectory that each transition belongs to, shape (k,).
+    """
+
+    task: TaskDescription
+    observations: Floats
+    actions: Floats
+    trajectory: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        """Number of transitions."""
+        return len(self.actions)
+
+    def sample(self, size: int, generator: np.random.Generator) -> StateActions:
+        """Draw ``size`` transitions uniformly."""
+        drawn = generator.integers(len(self), size=size)
+        return StateActions(self.observations[drawn], self.actions[drawn])
+
+    def split(
+        self, share: float, generator: np.random.Generator
+    ) -> tuple["RecordedTrajectories", "RecordedTrajectories"]:
+        """Set a share of the trajectories aside."""
+        numbers = np.unique(self.trajectory)
+        aside = np.isin(self.trajectory, generator.permutation(numbers)[: round(share * len(numbers))])
+        return self._part(~aside), self._part(aside)
+
+    def _part(self, chosen: NDArray[np.bool_]) -> "RecordedTrajectories":
+        return RecordedTrajectories(self.task, self.observations[chosen], self.actions[chosen], self.trajectory[chosen])
+
+
+def demonstration_points(bag: Bag) -> DemonstrationPoints:
+    """Read ζᵃ from a bag's marks.
+
+    Raises:
+        DemonstrationError: fewer than two points.
+    """
+    joints = bag.joints(MARKED_JOINT_STATES)
+    poses = bag.poses(MARKED_EE_POSE)
+    _, of_joints, of_poses = np.intersect1d(joints.stamps, poses.stamps, return_indices=True)
+    if len(of_joints) < 2:
+        raise DemonstrationError(f"the bag holds {len(of_joints)} marked points", "2 or more", "record with marks")
+    order = [joints.names.index(name) for name in bag.task.joint_names]
+    return DemonstrationPoints(poses.position[of_poses], joints.position[of_joints][:, order])
+
+
+def joined_points(bag: Bag) -> JoinedPoints:
+    """ζᵇ in closed form from a bag's ζᵃ and its robot description."""
+    chain = Chain.from_urdf(bag.robot_description, bag.task.tip_link, bag.task.joint_names)
+    return JoinedPoints(bag.task, demonstration_points(bag), chain)
+
+
+def recorded_trajectories(bag: Bag) -> RecordedTrajectories:
+    """The transitions that a bag recorded after its last mark; before it the operator did not go for targets.
+
+    Raises:
+        DemonstrationError: no answered state in it.
+    """
+    task = bag.task
+    states, ee, targets = bag.joints(JOINT_STATES), bag.poses(EE_POSE), bag.poses(TARGET_POSE)
+    deltas, marks = bag.joints(JOINT_DELTA), bag.joints(MARKED_JOINT_STATES)
+    stamps = states.stamps
+    for other in (ee.stamps, targets.stamps, deltas.stamps):
+        stamps = np.intersect1d(stamps, other)
+    if len(marks.stamps):
+        stamps = stamps[stamps > marks.stamps[-1]]
+    if not len(stamps):
+        raise DemonstrationError("the bag holds no recorded trajectory", "states answered by joint_delta")
+    of_states, of_ee, of_targets, of_deltas = (
+        np.searchsorted(table.stamps, stamps) for table in (states, ee, targets, deltas)
+    )
+    goal = targets.position[of_targets]
+    order = [states.names.index(name) for name in task.joint_names]
+    order_deltas = [deltas.names.index(name) for name in task.joint_names]
+    observations = task.observe(states.position[of_states][:, order], ee.position[of_ee], goal)
+    trajectory = np.cumsum(np.any(np.diff(goal, axis=0, prepend=goal[:1]) != 0, axis=1))
+    return RecordedTrajectories(task, observations, deltas.position[of_deltas][:, order_deltas], trajectory)
+
+
+def open_demonstrations(path: Path, source: str) -> Demonstrations:
+    """Open a bag's demonstrations: ``points`` (ζᵇ in closed form) or ``trajectories`` (as recorded)."""
+    bag = Bag(path)
+    return joined_points(bag) if source == "points" else recorded_trajectories(bag)

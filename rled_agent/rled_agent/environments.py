@@ -1,0 +1,62 @@
+"""Making the environments that a run acts in and is looked at in."""
+
+from typing import Any, TypeAlias
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+from rled_msgs_py.errors import RledError
+from rled_msgs_py.task import TaskDescription
+
+import rled_sim  # noqa: F401  registers this project's environments
+from rled_agent.config import TrainConfig
+from rled_agent.scaling import Floats
+
+Environment: TypeAlias = gymnasium.Env[Any, Any]
+Box = gymnasium.spaces.Box
+
+
+def make_environment(config: TrainConfig, start_joints: NDArray[np.float64] | None) -> Environment:
+    """The environment of a run.
+
+    Args:
+        config: names environment and reward.
+        start_joints: joint angles that episodes start at (rad), shape (k, n): those of ζᵃ (Algorithm 2).
+
+    Raises:
+        RledError: no such environment, or spaces that the learner can't use.
+    """
+    options: dict[str, Any] = {} if config.reward == "own" else {"reward": config.reward}
+    if start_joints is not None:
+        options["start_joints"] = start_joints
+    try:
+        env = gymnasium.make(config.env, **options)
+    except gymnasium.error.Error as error:
+        raise RledError(f"env '{config.env}': {error}", "an id that Gymnasium knows, as rled/PandaReach-v0") from None
+    except TypeError as error:
+        raise RledError(f"env '{config.env}' takes no {', '.join(options)}", "reward own", str(error)) from None
+    check_spaces(env)
+    return env
+
+
+def check_spaces(env: Environment) -> None:
+    """Refuse spaces other than flat boxes.
+
+    Raises:
+        RledError: names the space.
+    """
+    for name, space in (("action", env.action_space), ("observation", env.observation_space)):
+        if not isinstance(space, Box) or len(space.shape) != 1:
+            raise RledError(f"the {name} space is {space}", "a Box of one dimension")
+
+
+def bounds(space: gymnasium.Space[Any]) -> tuple[Floats, Floats]:
+    """Least and greatest member of a box, shape (k,) each."""
+    assert isinstance(space, Box)
+    return space.low.astype(np.float64), space.high.astype(np.float64)
+
+
+def task_of(env: Environment) -> TaskDescription | None:
+    """The task of one of this project's environments, else None."""
+    task = getattr(env.unwrapped, "task", None)
+    return task if isinstance(task, TaskDescription) else None

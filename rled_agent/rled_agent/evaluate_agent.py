@@ -1,0 +1,109 @@
+"""Command: expert and learned policy side by side, on seen and unseen targets."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+import tyro
+from rled_msgs_py.bags import Bag
+from rled_msgs_py.errors import RledError, command_line
+from rled_msgs_py.files import write_whole
+from rled_sim.kinematics import Chain
+from rled_sim.robots import robot_named
+from rled_sim.tasks import reach_task
+from tqdm import tqdm
+
+from rled_agent.demonstrations import demonstration_points
+from rled_agent.evaluation import Band, Motion, Score, move, score, seen_band, unseen_band
+from rled_agent.plots import draw_tool_paths
+from rled_agent.policy import Policy, load_policy
+
+
+@dataclass(frozen=True)
+class Options:
+    """Compare policies on demonstrated targets and on others ever farther away.
+
+    Writes evaluation.json and a picture of the paths in each band into the output folder, and prints a table.
+    """
+
+    bag: Path
+    """demonstrations whose marked points are the seen targets"""
+    expert: Path
+    """weights that train_expert wrote"""
+    agent: Path | None = None
+    """policy that train_agent wrote, to stand beside the expert"""
+    output: Path = Path("out/evaluation")
+    """folder for the results"""
+    bands: tuple[float, ...] = (0.02, 0.05, 0.1, 0.2)
+    """bounds between the bands of unseen targets: distance from the nearest demonstrated point (m)"""
+    targets: int = 100
+    """targets in a band"""
+    steps: int = 200
+    """most steps to a target"""
+    seed: int = 0
+    """of targets and starts"""
+
+
+@command_line
+def main() -> None:
+    """Run the command."""
+    options = tyro.cli(Options, prog="evaluate_agent")
+    torch.set_num_threads(1)
+    if list(options.bands) != sorted(set(options.bands)) or len(options.bands) < 2:
+        raise RledError(f"bands {options.bands}", "two or more growing distances in metres")
+    bag = Bag(options.bag)
+    policies = {"expert": load_policy(options.expert)}
+    if options.agent is not None:
+        policies["agent"] = load_policy(options.agent)
+    for name, policy in policies.items():
+        bag.task.require_same_robot(policy.task, name)
+    results = _evaluate(bag, policies, options)
+    _print_table(results)
+    plain = {band: {name: value._asdict() for name, value in row.items()} for band, row in results.items()}
+    write_whole(options.output / "evaluation.json", json.dumps(plain, indent=2) + "\n")
+    print(f"wrote {options.output}")
+
+
+def _evaluate(bag: Bag, policies: Mapping[str, Policy], options: Options) -> dict[str, dict[str, Score]]:
+    task = bag.task
+    chain = Chain.from_urdf(bag.robot_description, task.tip_link, task.joint_names)
+    risky = reach_task(robot_named(task.robot)).risky
+    results: dict[str, dict[str, Score]] = {}
+    for band in tqdm(_bands(bag, chain, options), unit="band", dynamic_ncols=True):
+        motions = {name: move(task, chain, policy.act, band, options.steps) for name, policy in policies.items()}
+        results[band.name] = {name: score(task, each, risky) for name, each in motions.items()}
+        _draw(options.output / f"paths_{band.name.replace(' ', '_')}.png", band, motions, len(task.axes))
+    return results
+
+
+def _bands(bag: Bag, chain: Chain, options: Options) -> list[Band]:
+    generator = np.random.default_rng(options.seed)
+    points = demonstration_points(bag)
+    bounds = list(zip(options.bands, options.bands[1:], strict=False))
+    unseen = [unseen_band(bag.task, chain, points, each, options.targets, generator) for each in bounds]
+    return [seen_band(points, options.targets, generator), *unseen]
+
+
+def _draw(path: Path, band: Band, motions: Mapping[str, list[Motion]], axes: int) -> None:
+    paths = {name: [motion.positions for motion in each[:20]] for name, each in motions.items()}
+    plane = (0, 1) if axes == 2 else (1, 2)
+    draw_tool_paths(path, band.targets[:20], paths, plane, f"Targets {band.name}: 20 of {len(band.targets)}")
+
+
+def _print_table(results: Mapping[str, Mapping[str, Score]]) -> None:
+    print(
+        f"{'targets':<16}{'policy':<8}{'success':>9}{'steps':>8}{'path/straight':>15}{'jerk m/s3':>11}{'violations':>12}"
+    )
+    for band, row in results.items():
+        for name, value in row.items():
+            print(
+                f"{band:<16}{name:<8}{value.success:>9.1%}{value.steps:>8.1f}{value.path_length:>15.2f}"
+                f"{value.jerk:>11.1f}{value.violations:>12.2f}"
+            )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,57 @@
+"""What a run knows of the expert: the cloned policy, ζᵇ, and the scaling that both share."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+from rled_msgs_py.bags import Bag
+from rled_msgs_py.errors import RledError
+
+from rled_agent.config import TrainConfig
+from rled_agent.demonstrations import joined_points
+from rled_agent.environments import Environment, bounds, task_of
+from rled_agent.expert_rows import ExpertRows
+from rled_agent.networks import Network
+from rled_agent.policy import load_policy
+from rled_agent.scaling import Scaling, scaling_of_bounds
+
+
+class Expertise(NamedTuple):
+    """The expert of a run.
+
+    Attributes:
+        network: π̂ᵈ on normalised observations, None without demonstrations.
+        rows: draws demonstrated transitions, None without demonstrations.
+        scaling: of observations and actions.
+    """
+
+    network: Network | None
+    rows: ExpertRows | None
+    scaling: Scaling
+
+
+def no_expertise(env: Environment, config: TrainConfig) -> Expertise:
+    """Without demonstrations: the scaling of the environment's bounds.
+
+    Raises:
+        RledError: the settings ask for an expert.
+    """
+    if config.behaviour.name == "gate" or config.behaviour.phi > 0 or config.schedule.expert_share > 0:
+        raise RledError("these settings need an expert", "--bag and --expert", "or --behaviour.phi 0")
+    return Expertise(None, None, scaling_of_bounds(bounds(env.observation_space), bounds(env.action_space)))
+
+
+def read_expertise(env: Environment, bag: Bag, expert: Path, config: TrainConfig) -> Expertise:
+    """The expert of a bag and a weights file.
+
+    Raises:
+        RledError: bag, weights and environment are not of one robot and task.
+    """
+    task = task_of(env)
+    if task is None:
+        raise RledError(f"env '{config.env}' has no robot that a bag could be of", "an environment of rled")
+    policy = load_policy(expert)
+    task.require_same_robot(bag.task, "the bag")
+    task.require_same_robot(policy.task, "the expert")
+    rows = ExpertRows(replace(joined_points(bag), task=task), policy.scaling)
+    return Expertise(policy.network, rows, policy.scaling)

@@ -1,0 +1,132 @@
+"""A Gymnasium environment over the topics of a running graph.
+
+Any Gymnasium learner trains over ROS 2 with it. In lockstep, an episode begun with a seed gives the transitions of the
+environment in process with that seed, bit for bit.
+"""
+
+import time
+from collections import deque
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+from rcl_interfaces.srv import SetParameters
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rled_msgs_py.convert import to_msg
+from rled_msgs_py.errors import RledError
+from rled_msgs_py.node import advertise, fresh_context, subscribe, subscribe_ticks
+from rled_msgs_py.records import DeltaCommand, Text
+from rled_msgs_py.task import TaskDescription
+from rled_msgs_py.tick import Tick
+from rled_msgs_py.topics import JOINT_DELTA, TASK_DESCRIPTION
+from std_srvs.srv import Trigger
+
+Floats = NDArray[np.float32]
+REMEDY = "is sim_node running, in this ROS_DOMAIN_ID, with --mode lockstep?"
+
+
+class GraphEnv(gymnasium.Env[Floats, Floats]):
+    """Steps a robot on the graph: an action is a ``joint_delta``, an observation the tick that answers it.
+
+    Spaces and ``info`` are those of this project's environments in process; they come from ``task_description``.
+
+    Args:
+        simulation: name of the simulation node.
+        timeout: seconds to wait for any answer.
+
+    Raises:
+        RledError: no simulation on the graph.
+    """
+
+    def __init__(self, simulation: str = "sim", timeout: float = 10.0) -> None:
+        self._timeout = timeout
+        self._context = fresh_context()
+        self._node = Node("graph_env", context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._ticks: deque[Tick] = deque()
+        self._tasks: list[TaskDescription] = []
+        subscribe(self._node, TASK_DESCRIPTION, self._on_task)
+        subscribe_ticks(self._node, self._ticks.append)
+        self._delta = advertise(self._node, JOINT_DELTA)
+        self._reset = self._node.create_client(Trigger, f"{simulation}/reset")
+        self._parameters = self._node.create_client(SetParameters, f"{simulation}/set_parameters")
+        try:
+            self._wait(lambda: bool(self._tasks) and self._delta.get_subscription_count() > 0, "a simulation")
+        except RledError:
+            self.close()
+            raise
+        self.task = self._tasks[0]
+        lower, upper = self.task.observation_bounds()
+        self.observation_space = gymnasium.spaces.Box(lower.astype(np.float32), upper.astype(np.float32))
+        most = self.task.max_delta
+        self.action_space = gymnasium.spaces.Box(-most, most, (self.task.action_size,), np.float32)
+
+    def _on_task(self, text: Text) -> None:
+        self._tasks.append(TaskDescription.from_json(text.data))
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Floats, dict[str, Any]]:
+        """Begin an episode; a seed begins the simulation's random draws anew."""
+        super().reset(seed=seed)
+        if seed is not None:
+            wanted = Parameter("seed", value=seed).to_parameter_msg()
+            for result in self._call(self._parameters, SetParameters.Request(parameters=[wanted])).results:
+                if not result.successful:
+                    raise RledError(f"the simulation refused seed {seed}: {result.reason}")
+        answer = self._call(self._reset, Trigger.Request())
+        if not answer.success:
+            raise RledError(f"the simulation refused a reset: {answer.message}")
+        begins = int(answer.message.split()[-2])
+        tick = self._next(lambda tick: tick.stamp >= begins)
+        return self._seen(tick)
+
+    def step(self, action: Floats) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
+        """Displace the joints by ``action`` (rad), shape (n,), and wait for the tick that answers."""
+        answered = self._tick.stamp
+        command = DeltaCommand(answered, self.task.joint_names, np.asarray(action, dtype=np.float64))
+        self._delta.publish(to_msg(command))
+        observation, info = self._seen(self._next(lambda tick: tick.stamp > answered))
+        status = self._tick.status
+        return observation, status.reward, status.terminated, status.truncated, info
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._executor.shutdown()
+        self._node.destroy_node()
+        self._context.try_shutdown()
+
+    def _seen(self, tick: Tick) -> tuple[Floats, dict[str, Any]]:
+        self._tick = tick
+        q = tick.joints.ordered(self.task.joint_names).position
+        observation = self.task.observe(q, tick.ee.position, tick.target.position).astype(np.float32)
+        status = tick.status
+        info = {
+            "targets_reached": status.targets_reached,
+            "violations": status.violations,
+            "risky": status.risky,
+        }
+        return observation, info
+
+    def _next(self, wanted: Any) -> Tick:
+        """The oldest tick not yet seen that is wanted; older ones are dropped."""
+        while True:
+            self._wait(lambda: bool(self._ticks), "a tick")
+            tick = self._ticks.popleft()
+            if wanted(tick):
+                return tick
+
+    def _call(self, client: Any, request: Any) -> Any:
+        self._wait(client.service_is_ready, f"service {client.srv_name}")
+        future = client.call_async(request)
+        self._wait(future.done, f"an answer of {client.srv_name}")
+        return future.result()
+
+    def _wait(self, done: Any, what: str) -> None:
+        deadline = time.monotonic() + self._timeout
+        while not done():
+            if time.monotonic() > deadline:
+                raise RledError(f"waited {self._timeout:g} s for {what}", "", REMEDY)
+            self._executor.spin_once(timeout_sec=0.1)

@@ -1,0 +1,153 @@
+"""DDPG (Algorithm 1) and TD3 (Eq. 4.1-4.9) as one update with options."""
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from rled_agent.adam import Adam
+from rled_agent.networks import Architecture, Network
+from rled_agent.replay import Batch
+
+
+@dataclass(frozen=True)
+class LearnerConfig:
+    """Settings of the update.
+
+    Attributes:
+        gamma: discount γ.
+        actor_rate: learning rate α_a.
+        critic_rate: learning rate α_c.
+        rate_decay: β of α_k = α/(1 + k/β) in gradient steps k (Theorem 5); 0 keeps the rate constant.
+        tau: soft update τ.
+        critics: 2 takes the lesser of two critics (TD3), 1 the only one (DDPG).
+        delay: gradient steps of the critics for one of the actor and the targets (TD3); 1 for DDPG.
+        target_noise: σ of the smoothing noise on target actions (TD3); 0 for DDPG.
+        target_clip: c, bound of that noise.
+        target_dropout: the target actor drops units too.
+        cloning_weight: weight of the cloning error on a batch's demonstrated rows, beside Q over its mean size.
+        q_filter: clone only where the critic holds the demonstrated action for the better one (Nair et al., 2018).
+        actor: hidden part of the actor.
+        critic: hidden part of each critic.
+    """
+
+    gamma: float = 0.99
+    actor_rate: float = 1e-3
+    critic_rate: float = 1e-3
+    rate_decay: float = 0.0
+    tau: float = 5e-3
+    critics: int = 2
+    delay: int = 2
+    target_noise: float = 0.2
+    target_clip: float = 0.5
+    target_dropout: bool = False
+    cloning_weight: float = 0.0
+    q_filter: bool = True
+    actor: Architecture = field(default_factory=Architecture)
+    critic: Architecture = field(default_factory=Architecture)
+
+
+class Metrics(NamedTuple):
+    """What an update reports; tensors, so that nothing is read back inside it."""
+
+    critic_loss: Tensor
+    q: Tensor
+
+
+class Learner:
+    """Actor, critics, their targets and the update.
+
+    Args:
+        observation_size: o.
+        action_size: n.
+        config: settings.
+        generator: draws weights, target noise and dropped units.
+    """
+
+    def __init__(
+        self, observation_size: int, action_size: int, config: LearnerConfig, generator: torch.Generator
+    ) -> None:
+        self.config, self.generator = config, generator
+        self.updates = 0
+        inputs = observation_size + action_size
+        self.actor = Network(observation_size, action_size, config.actor, generator, squash=True)
+        self.critic = Network(inputs, 1, config.critic, generator, members=config.critics)
+        self.target_actor, self.target_critic = self.actor.copy(), self.critic.copy()
+        self._first_critic = self.critic.first()
+        self.actor_adam = Adam(self.actor.parameters, self.actor.gradients)
+        self.critic_adam = Adam(self.critic.parameters, self.critic.gradients)
+
+    @torch.inference_mode()
+    def update(self, batch: Batch) -> Metrics:
+        """One gradient step of the critics and, every ``delay`` of them, of actor and targets."""
+        metrics = self._update_critic(batch)
+        self.updates += 1
+        if self.updates % self.config.delay == 0:
+            self._update_actor(batch)
+            self._update_targets()
+        return metrics
+
+    def _update_critic(self, batch: Batch) -> Metrics:
+        target = self._target(batch)  # (b, 1)
+        q = self.critic.forward(batch.observation, batch.action)  # (e, b, 1)
+        error = q - target  # (e, b, 1)
+        self.critic.backward(error * (2.0 / len(target)))  # Eq. 4.5
+        self.critic_adam.step(self._rate(self.config.critic_rate))  # Eq. 4.6
+        return Metrics(error.square().mean(), q.mean())
+
+    def _target(self, batch: Batch) -> Tensor:
+        """Y = r + γ (1 − terminated) min_i Q'_i(s', ã) (Eq. 4.4), shape (b, 1)."""
+        config = self.config
+        dropping = self.generator if config.target_dropout else None
+        action = self.target_actor.forward(batch.next_observation, generator=dropping)[0]  # (b, n)
+        if config.target_noise:
+            noise = torch.empty_like(action).normal_(0.0, config.target_noise, generator=self.generator)
+            action.add_(noise.clamp_(-config.target_clip, config.target_clip)).clamp_(-1.0, 1.0)
+        q = self.target_critic.forward(batch.next_observation, action)  # (e, b, 1)
+        return batch.reward + config.gamma * (1.0 - batch.terminated) * q.amin(dim=0)
+
+    def _update_actor(self, batch: Batch) -> None:
+        action = self.actor.forward(batch.observation, generator=self.generator)[0]  # (b, n)
+        q = self._first_critic.forward(batch.observation, action)[0]  # (b, 1)
+        size = q.abs().mean() if self.config.cloning_weight else 1.0
+        ascent = torch.full_like(q, -1.0 / len(batch)).div_(size)  # gradient of −J_a
+        at_action = self._first_critic.backward(ascent[None], parameters=False, inputs_from=batch.observation_size)
+        assert at_action is not None  # (1, b, n)
+        if self.config.cloning_weight and batch.demonstrated:
+            at_action[0, -batch.demonstrated :] += self._cloning_gradient(batch, action, q.clone())
+        self.actor.backward(at_action)
+        self.actor_adam.step(self._rate(self.config.actor_rate))  # Eq. 4.8
+
+    def _cloning_gradient(self, batch: Batch, action: Tensor, q: Tensor) -> Tensor:
+        """Gradient of the cloning error (Eq. 4.10) at the actor's actions on the demonstrated rows, shape (d, n)."""
+        rows = slice(len(batch) - batch.demonstrated, len(batch))
+        error = action[rows] - batch.action[rows]
+        if self.config.q_filter:
+            better = self._first_critic.forward(batch.observation[rows], batch.action[rows])[0] > q[rows]
+            error = error * better
+        return error.mul_(2.0 * self.config.cloning_weight / batch.demonstrated)
+
+    def _update_targets(self) -> None:
+        self.target_critic.parameters.lerp_(self.critic.parameters, self.config.tau)  # Eq. 4.7
+        self.target_actor.parameters.lerp_(self.actor.parameters, self.config.tau)  # Eq. 4.9
+
+    def networks(self) -> dict[str, Network]:
+        """Networks by name."""
+        return {
+            "actor": self.actor,
+            "critic": self.critic,
+            "target_actor": self.target_actor,
+            "target_critic": self.target_critic,
+        }
+
+    def tensors(self) -> dict[str, Tensor]:
+        """All state but ``updates`` and the generator, by dotted name, sharing memory."""
+        state = {f"{name}.parameters": network.parameters for name, network in self.networks().items()}
+        for name, adam in (("actor_adam", self.actor_adam), ("critic_adam", self.critic_adam)):
+            state |= {f"{name}.{part}": tensor for part, tensor in adam.tensors().items()}
+        return state
+
+    def _rate(self, rate: float) -> float:
+        decay = self.config.rate_decay
+        return rate / (1.0 + self.updates / decay) if decay else rate

@@ -1,0 +1,82 @@
+"""A policy in physical units: a network with its scaling and task, and the file that keeps the three."""
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from rled_msgs_py.files import whole_file
+from rled_msgs_py.task import TaskDescription
+from safetensors.torch import save_file
+
+from rled_agent.checkpoint import CheckpointError, read_tensors
+from rled_agent.networks import Architecture, Network
+from rled_agent.scaling import Scaling
+
+FORMAT = "rled-policy"
+VERSION = 1
+SCALING = ("observation_center", "observation_scale", "action_center", "action_scale")
+
+
+@dataclass(frozen=True, eq=False)
+class Policy:
+    """A deterministic policy a = π(x) in physical units.
+
+    Attributes:
+        network: normalised observation to normalised action.
+        scaling: physical to normalised.
+        task: what it was trained for.
+    """
+
+    network: Network
+    scaling: Scaling
+    task: TaskDescription
+
+    def act(self, observation: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Action (rad), shape (..., n), of an observation, shape (..., o)."""
+        rows = np.atleast_2d(self.scaling.normalize_observation(observation))
+        action = self.network.forward(torch.from_numpy(rows))[0].numpy()
+        return self.scaling.denormalize_action(action.reshape(*observation.shape[:-1], -1))
+
+    def save(self, path: Path) -> None:
+        """Write weights and scaling as safetensors, architecture and task in its header."""
+        tensors = {f"network.{name}": tensor for name, tensor in self.network.named_parameters().items()}
+        tensors |= {name: torch.from_numpy(np.array(getattr(self.scaling, name))) for name in SCALING}
+        header = {
+            "format": FORMAT,
+            "version": str(VERSION),
+            "architecture": json.dumps(asdict(self.network.architecture)),
+            "task": self.task.to_json(),
+        }
+        with whole_file(path) as temporary:
+            save_file(tensors, temporary, metadata=header)
+
+
+def load_policy(path: Path) -> Policy:
+    """Read a policy that ``Policy.save`` wrote.
+
+    Raises:
+        CheckpointError: missing, damaged, of another program or version, or of other shapes.
+    """
+    header, tensors = read_tensors(path, FORMAT, VERSION)
+    task = TaskDescription.from_json(header["task"])
+    saved = json.loads(header["architecture"])
+    architecture = Architecture(**saved | {"hidden": tuple(saved["hidden"])})
+    sizes = len(task.observation_bounds()[0]), task.action_size
+    network = Network(*sizes, architecture, torch.Generator(), squash=True)
+    for name, parameter in network.named_parameters().items():
+        parameter.copy_(_tensor(tensors, f"network.{name}", parameter.shape, path))
+    shapes = (sizes[0], sizes[0], sizes[1], sizes[1])
+    scaling = (_tensor(tensors, name, (shape,), path).numpy() for name, shape in zip(SCALING, shapes, strict=True))
+    return Policy(network, Scaling(*scaling), task)
+
+
+def _tensor(tensors: dict[str, torch.Tensor], name: str, shape: tuple[int, ...], path: Path) -> torch.Tensor:
+    found = tuple(tensors[name].shape) if name in tensors else "nothing"
+    if found != tuple(shape):
+        raise CheckpointError(
+            f"{path} holds {found} as {name}", str(tuple(shape)), "use weights of this robot and task"
+        )
+    return tensors[name]

@@ -1,0 +1,59 @@
+"""The settings people start from: the thesis's two experiments to the letter, and tuned ones beside them."""
+
+from dataclasses import replace
+
+from rled_agent.config import BehaviourConfig, ScheduleConfig, TrainConfig
+from rled_agent.learner import LearnerConfig
+from rled_agent.networks import Architecture
+
+PANDA_BIASED = TrainConfig()
+"""Section 4.1.3; the exploration noise, which it does not give, is that of 4.2.3."""
+
+PLANAR_MC = TrainConfig(
+    env="rled/PlanarReach-v0",
+    behaviour=BehaviourConfig(name="gate", threshold=1e-3, measure="qcd", passes=30, noise=0.1),
+    schedule=ScheduleConfig(
+        steps=50_000,
+        train_after=1_000,
+        train_every=100,
+        gradient_steps=100,
+        batch_size=100,
+        capacity=50_000,
+        evaluate_every=1_000,
+        log_every=500,
+        checkpoint_every=5_000,
+    ),
+    learner=LearnerConfig(
+        gamma=0.95,
+        actor_rate=1e-5,
+        critic_rate=1e-5,
+        actor=Architecture(hidden=(128, 128), dropout=0.1),
+        critic=Architecture(hidden=(128, 128)),
+    ),
+)
+"""Section 4.2.3."""
+
+PLANAR_MC_TUNED = replace(
+    PLANAR_MC,
+    learner=replace(PLANAR_MC.learner, actor_rate=1e-3, critic_rate=1e-3),
+    behaviour=replace(PLANAR_MC.behaviour, measure="iqr", threshold=0.05),
+    schedule=replace(PLANAR_MC.schedule, steps=20_000),
+)
+"""Section 4.2.3 with learning rates that learn in a useful time, and the bounded measure."""
+
+PENDULUM = TrainConfig(
+    env="Pendulum-v1",
+    reward="own",
+    behaviour=BehaviourConfig(phi=0.0),
+    schedule=ScheduleConfig(
+        steps=20_000, train_after=1_000, train_every=1, gradient_steps=1, batch_size=256, evaluate_every=2_000
+    ),
+)
+"""TD3 on a known task, to see that the learner learns."""
+
+PRESETS: dict[str, tuple[str, TrainConfig]] = {
+    "panda_biased": ("biased exploration on the Panda, section 4.1.3 to the letter", PANDA_BIASED),
+    "planar_mc": ("Monte-Carlo gate on the planar robot, section 4.2.3 to the letter", PLANAR_MC),
+    "planar_mc_tuned": ("the same with learning rates that learn in a useful time", PLANAR_MC_TUNED),
+    "pendulum": ("TD3 alone on Pendulum-v1", PENDULUM),
+}

@@ -1,0 +1,99 @@
+"""The replay buffer: one row of one array per transition, so that a batch is one gather."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """Transitions in normalised units, as rows (s, a, r, terminated, s').
+
+    Attributes:
+        rows: shape (b, 2o + n + 2).
+        observation_size: o.
+        action_size: n.
+        demonstrated: the last this many rows were drawn from the demonstrations.
+    """
+
+    rows: Tensor
+    observation_size: int
+    action_size: int
+    demonstrated: int = 0
+
+    def __len__(self) -> int:
+        """B, the number of transitions."""
+        return len(self.rows)
+
+    @property
+    def observation(self) -> Tensor:
+        """S, shape (b, o)."""
+        return self.rows[:, : self.observation_size]
+
+    @property
+    def action(self) -> Tensor:
+        """A, shape (b, n)."""
+        return self.rows[:, self.observation_size : self.observation_size + self.action_size]
+
+    @property
+    def reward(self) -> Tensor:
+        """R, shape (b, 1)."""
+        start = self.observation_size + self.action_size
+        return self.rows[:, start : start + 1]
+
+    @property
+    def terminated(self) -> Tensor:
+        """1 where the task ended, so that no value follows, shape (b, 1); a truncated episode is 0 here."""
+        start = self.observation_size + self.action_size + 1
+        return self.rows[:, start : start + 1]
+
+    @property
+    def next_observation(self) -> Tensor:
+        """S', shape (b, o)."""
+        return self.rows[:, -self.observation_size :]
+
+
+class Replay:
+    """A ring of transitions.
+
+    Args:
+        observation_size: o.
+        action_size: n.
+        capacity: transitions kept; then the oldest are overwritten.
+    """
+
+    def __init__(self, observation_size: int, action_size: int, capacity: int) -> None:
+        self.observation_size, self.action_size, self.capacity = observation_size, action_size, capacity
+        self.added = 0
+        self.rows = np.zeros((capacity, 2 * observation_size + action_size + 2), dtype=np.float32)
+        self._tensor = torch.from_numpy(self.rows)
+
+    def __len__(self) -> int:
+        """Transitions held."""
+        return min(self.added, self.capacity)
+
+    def add(
+        self,
+        observation: NDArray[np.float32],
+        action: NDArray[np.float32],
+        reward: float,
+        terminated: bool,
+        next_observation: NDArray[np.float32],
+    ) -> None:
+        """Store one transition, normalised."""
+        o, n = self.observation_size, self.action_size
+        row = self.rows[self.added % self.capacity]
+        row[:o] = observation
+        row[o : o + n] = action
+        row[o + n] = reward
+        row[o + n + 1] = terminated
+        row[o + n + 2 :] = next_observation
+        self.added += 1
+
+    def sample(self, size: int, generator: torch.Generator) -> Batch:
+        """Draw transitions uniformly, with replacement."""
+        chosen = torch.randint(len(self), (size,), generator=generator)
+        return Batch(self._tensor.index_select(0, chosen), self.observation_size, self.action_size)

@@ -1,0 +1,87 @@
+"""A run is a directory: settings, metrics, checkpoint, policy, and where the code stood."""
+
+import csv
+import io
+import json
+import platform
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import torch
+from rled_msgs_py.errors import RledError
+from rled_msgs_py.files import write_whole
+
+from rled_agent.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
+
+
+class RunDirectory:
+    """Files of one run.
+
+    ``config.json`` (settings, bag, versions), ``metrics.csv`` (a row an interval), TensorBoard events,
+    ``checkpoint.safetensors`` (the last good one) and, for this project's robots, ``policy.safetensors``.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.config_path = path / "config.json"
+        self.metrics_path = path / "metrics.csv"
+        self.checkpoint_path = path / "checkpoint.safetensors"
+        self.policy_path = path / "policy.safetensors"
+        self._rows: list[dict[str, float]] = []
+
+    def create(self, config: dict[str, Any]) -> None:
+        """Begin a new run.
+
+        Raises:
+            RledError: the directory holds a run already.
+        """
+        if self.config_path.exists():
+            raise RledError(f"{self.path} holds a run already", "a new --output", "or continue it with --resume")
+        record = config | {"git": _git_revision(), "python": platform.python_version(), "torch": torch.__version__}
+        write_whole(self.config_path, json.dumps(record, indent=2) + "\n")
+
+    def config(self) -> dict[str, Any]:
+        """The settings that ``create`` wrote.
+
+        Raises:
+            RledError: no run here.
+        """
+        try:
+            values: dict[str, Any] = json.loads(self.config_path.read_text())
+        except (OSError, ValueError) as error:
+            raise RledError(f"{self.path} holds no run ({error})", "a folder that train_agent wrote") from None
+        return values
+
+    def save(self, checkpoint: Checkpoint) -> None:
+        """Replace the checkpoint."""
+        write_checkpoint(self.checkpoint_path, checkpoint)
+
+    def load(self) -> Checkpoint:
+        """Read the checkpoint, and drop the metrics that came after it."""
+        checkpoint = read_checkpoint(self.checkpoint_path)
+        if self.metrics_path.exists():
+            with self.metrics_path.open(newline="") as file:
+                rows = [{name: float(value) for name, value in row.items()} for row in csv.DictReader(file)]
+            self._rows = [row for row in rows if row["step"] <= checkpoint.state["step"]]
+            self._write_metrics()
+        return checkpoint
+
+    def append(self, row: dict[str, float]) -> None:
+        """Add a row of metrics; the file on disk is whole at every moment."""
+        self._rows.append(row)
+        self._write_metrics()
+
+    def _write_metrics(self) -> None:
+        text = io.StringIO()
+        writer = csv.DictWriter(text, fieldnames=list(self._rows[0]) if self._rows else ["step"], restval="nan")
+        writer.writeheader()
+        writer.writerows(self._rows)
+        write_whole(self.metrics_path, text.getvalue())
+
+
+def _git_revision() -> str:
+    asked = subprocess.run(
+        ["git", "describe", "--always", "--dirty"], cwd=Path(__file__).parent, capture_output=True, text=True
+    )
+    return asked.stdout.strip() or "unknown"

@@ -1,0 +1,179 @@
+"""Command: reinforcement learning from a bag of demonstrations, in process or over the graph."""
+
+import contextlib
+import signal
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import torch
+import tyro
+from numpy.typing import NDArray
+from rled_msgs_py.bags import Bag
+from rled_msgs_py.errors import RledError, command_line
+from torch.utils.tensorboard import SummaryWriter
+from tqdm import tqdm
+
+from rled_agent.config import TrainConfig
+from rled_agent.demonstrations import demonstration_points
+from rled_agent.environments import Environment, make_environment, task_of
+from rled_agent.expertise import Expertise, no_expertise, read_expertise
+from rled_agent.interval import Interval
+from rled_agent.policy import Policy
+from rled_agent.presets import PRESETS
+from rled_agent.run_directory import RunDirectory
+from rled_agent.trainer import Trainer
+
+
+@dataclass(frozen=True)
+class Options:
+    """Learn from demonstrations and experience; the run is a folder with settings, metrics, checkpoint and policy."""
+
+    output: Path
+    """folder of the run"""
+    bag: Path | None = None
+    """demonstrations: rosbag2 folder or .mcap file; its marked points are where episodes start"""
+    expert: Path | None = None
+    """weights that train_expert wrote"""
+    over: Literal["process", "graph"] = "process"
+    """process: the environment in this process; graph: a running sim_node, in lockstep, over ROS 2 topics"""
+    resume: bool = False
+    """continue the run in the output folder, bit for bit; steps may grow, nothing else may change"""
+    config: Annotated[TrainConfig, tyro.conf.arg(name="")] = field(default_factory=TrainConfig)
+    """settings of the run"""
+
+
+@command_line
+def main() -> None:
+    """Run the command."""
+    presets = {
+        name: (summary, Options(Path("out") / name, config=config)) for name, (summary, config) in PRESETS.items()
+    }
+    options = tyro.extras.overridable_config_cli(presets, prog="train_agent")
+    torch.set_num_threads(1)
+    torch.set_flush_denormal(True)
+    directory = RunDirectory(options.output)
+    with _environments(options) as (env, evaluation_env, expertise):
+        trainer = Trainer(env, evaluation_env, options.config, expertise)
+        _open_run(directory, options, trainer)
+        with _stopping() as stopping, SummaryWriter(str(options.output), purge_step=trainer.step) as board:
+            _train(trainer, directory, board, stopping)
+    print(f"{trainer.step:,} of {options.config.schedule.steps:,} steps; the run is in {options.output}")
+
+
+def _record(options: Options) -> dict[str, Any]:
+    demonstrations = {"bag": str(options.bag), "expert": str(options.expert), "over": options.over}
+    return {"config": options.config.to_dict(), "demonstrations": demonstrations}
+
+
+def _open_run(directory: RunDirectory, options: Options, trainer: Trainer) -> None:
+    if not options.resume:
+        directory.create(_record(options))
+        return
+    before, now = _flat(directory.config()), _flat(_record(options))
+    changed = [name for name, value in now.items() if before.get(name) != value and name != "config.schedule.steps"]
+    if changed:
+        was = ", ".join(f"{name} {before.get(name)}" for name in changed)
+        raise RledError(f"{', '.join(changed)} changed since the run began", was, "or begin a new run")
+    trainer.restore(directory.load())
+    print(f"continuing at step {trainer.step:,}")
+
+
+def _flat(values: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for name, value in values.items():
+        inner = _flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {f"{prefix}{name}": value}
+        flat |= inner
+    return {name: list(value) if isinstance(value, tuple) else value for name, value in flat.items()}
+
+
+@contextlib.contextmanager
+def _environments(options: Options) -> Iterator[tuple[Environment, Environment, Expertise]]:
+    bag = Bag(options.bag) if options.bag else None
+    starts: NDArray[np.float64] | None = demonstration_points(bag).joints if bag else None
+    evaluation_env = make_environment(options.config, starts)
+    if bag is not None and options.expert is not None:
+        expertise = read_expertise(evaluation_env, bag, options.expert, options.config)
+    else:
+        expertise = no_expertise(evaluation_env, options.config)
+    env = _graph_environment() if options.over == "graph" else make_environment(options.config, starts)
+    try:
+        yield env, evaluation_env, expertise
+    finally:
+        env.close()
+        evaluation_env.close()
+
+
+def _graph_environment() -> Environment:
+    from rled_agent.graph_env import GraphEnv
+
+    return GraphEnv()
+
+
+@contextlib.contextmanager
+def _stopping() -> Iterator[list[int]]:
+    """Collects SIGINT and SIGTERM instead of dying of them, so that the run ends with a checkpoint."""
+    caught: list[int] = []
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    for number in before:
+        signal.signal(number, lambda received, _: caught.append(received))
+    try:
+        yield caught
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _train(trainer: Trainer, directory: RunDirectory, board: SummaryWriter, stopping: list[int]) -> None:
+    schedule = trainer.config.schedule
+    started, first = time.perf_counter(), trainer.step
+    with tqdm(total=schedule.steps, initial=trainer.step, unit="step", mininterval=1.0, dynamic_ncols=True) as bar:
+        while trainer.step < schedule.steps and not stopping:
+            trainer.advance()
+            bar.update()
+            if trainer.step % schedule.log_every == 0 or trainer.step == schedule.steps:
+                row = _row(trainer, started, first)
+                directory.append(row)
+                _show(row, bar, board)
+            if trainer.step % schedule.checkpoint_every == 0 or trainer.step == schedule.steps:
+                _save(trainer, directory)
+    if stopping:
+        _save(trainer, directory)
+
+
+def _row(trainer: Trainer, started: float, first: int) -> dict[str, float]:
+    """Close the interval; evaluate when it is due."""
+    seconds = time.perf_counter() - started
+    row = {"step": float(trainer.step), **trainer.interval.row(), "updates": float(trainer.learner.updates)}
+    row["steps_per_second"] = (trainer.step - first) / seconds
+    trainer.interval = Interval()
+    if trainer.step % trainer.config.schedule.evaluate_every == 0:
+        row |= trainer.evaluate()
+    return row
+
+
+def _show(row: dict[str, float], bar: "tqdm[Any]", board: SummaryWriter) -> None:
+    for name, value in row.items():
+        if np.isfinite(value):
+            board.add_scalar(name, value, int(row["step"]))
+    shown = {
+        "return": row["reward"],
+        "targets": row.get("evaluation_targets_reached", row["targets_reached"]),
+        "demonstrated": row["demonstrated_share"],
+        "uncertainty": row["qcd_median"],
+    }
+    bar.set_postfix({name: f"{value:.3g}" for name, value in shown.items() if np.isfinite(value)}, refresh=False)
+
+
+def _save(trainer: Trainer, directory: RunDirectory) -> None:
+    directory.save(trainer.checkpoint())
+    task = task_of(trainer.evaluation_env)
+    if task is not None:
+        Policy(trainer.learner.actor, trainer.expertise.scaling, task).save(directory.policy_path)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,80 @@
+"""Command: learn the expert policy from a bag of demonstrations (behavioural cloning, Eq. 4.10)."""
+
+import csv
+import io
+import json
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+import torch
+import tyro
+from rled_msgs_py.errors import command_line
+from rled_msgs_py.files import write_whole
+from tqdm import tqdm
+
+from rled_agent.demonstrations import open_demonstrations
+from rled_agent.expert import CurvePoint, ExpertConfig, clone_expert
+from rled_agent.plots import draw_learning_curve
+
+
+@dataclass(frozen=True)
+class Options:
+    """Learn the expert policy from a bag of demonstrations.
+
+    Writes expert.safetensors, curve.csv, learning_curve.png and summary.json into the output folder.
+    """
+
+    bag: Path
+    """rosbag2 folder or .mcap file"""
+    output: Path = Path("out/expert")
+    """folder for the results"""
+    source: Literal["points", "trajectories"] = "points"
+    """points: every pair of marked points, joined in closed form; trajectories: the motions as recorded"""
+    seed: int = 0
+    """of weights, split and batches: the same seed gives the same weights"""
+    expert: Annotated[ExpertConfig, tyro.conf.arg(name="")] = field(default_factory=ExpertConfig)
+    """network and training"""
+
+
+@command_line
+def main() -> None:
+    """Run the command."""
+    options = tyro.cli(Options, prog="train_expert")
+    torch.set_num_threads(1)
+    demonstrations = open_demonstrations(options.bag, options.source)
+    print(f"{len(demonstrations):,} demonstrated transitions of robot {demonstrations.task.robot}")
+    generator = np.random.default_rng(options.seed)
+    with tqdm(total=options.expert.steps, unit="step", mininterval=1.0, dynamic_ncols=True) as bar:
+
+        def report(point: CurvePoint) -> None:
+            bar.set_postfix(train=f"{point.train:.5f}", validation=f"{point.validation:.5f}", refresh=False)
+            bar.update(point.step - bar.n)
+
+        policy, curve = clone_expert(demonstrations, options.expert, generator, report)
+    policy.save(options.output / "expert.safetensors")
+    _write_curve(options.output, curve)
+    summary = {
+        "bag": str(options.bag),
+        "source": options.source,
+        "transitions": len(demonstrations),
+        "expert_val_mse": curve[-1].validation,
+        "seed": options.seed,
+        "config": asdict(options.expert),
+    }
+    write_whole(options.output / "summary.json", json.dumps(summary, indent=2) + "\n")
+    print(f"validation error {curve[-1].validation:.5f}; wrote {options.output / 'expert.safetensors'}")
+
+
+def _write_curve(folder: Path, curve: list[CurvePoint]) -> None:
+    text = io.StringIO()
+    writer = csv.writer(text)
+    writer.writerow(CurvePoint._fields)
+    writer.writerows(curve)
+    write_whole(folder / "curve.csv", text.getvalue())
+    draw_learning_curve(folder / "learning_curve.png", curve)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,179 @@
+"""The training loop: the same for an environment in this process and for one over the graph."""
+
+import math
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from rled_msgs_py.errors import RledError
+
+from rled_agent.behaviour import Behaviour, BiasedExploration, MonteCarloGate, Noise, Source
+from rled_agent.checkpoint import Checkpoint, CheckpointError
+from rled_agent.config import TrainConfig
+from rled_agent.environments import Environment
+from rled_agent.expertise import Expertise
+from rled_agent.interval import Interval
+from rled_agent.learner import Learner
+from rled_agent.networks import Network
+from rled_agent.replay import Batch, Replay
+from rled_agent.rollout import EpisodeResult, mean_result, roll_out
+from rled_agent.uncertainty import MonteCarlo
+
+EVALUATION_SEED = 1_000_000
+SEEDS = 2**31
+
+
+class DivergenceError(RledError):
+    """A loss that is no number."""
+
+
+class Trainer:
+    """One run: environment, learner, behaviour, replay and counters.
+
+    Args:
+        env: to learn in.
+        evaluation_env: another one of the same kind, to be looked at in.
+        config: settings.
+        expertise: the expert and the scaling.
+    """
+
+    def __init__(
+        self, env: Environment, evaluation_env: Environment, config: TrainConfig, expertise: Expertise
+    ) -> None:
+        self.config, self.env, self.evaluation_env, self.expertise = config, env, evaluation_env, expertise
+        self.step = 0
+        self.generator = np.random.default_rng(config.seed)
+        torch_generator = torch.Generator().manual_seed(int(self.generator.integers(2**63)))
+        sizes = len(expertise.scaling.observation_scale), len(expertise.scaling.action_scale)
+        self.learner = Learner(*sizes, config.learner, torch_generator)
+        self.replay = Replay(*sizes, config.schedule.capacity)
+        self.behaviour = self._make_behaviour()
+        self.interval = Interval()
+        self._begin_episode(int(self.generator.integers(SEEDS)))
+
+    def _make_behaviour(self) -> Behaviour:
+        settings, expert = self.config.behaviour, self.expertise.network
+        noise = Noise(settings.noise, self.generator)
+        unsure = None
+        if self.config.learner.actor.dropout:
+            unsure = MonteCarlo(self.learner.actor, settings.passes, self.learner.generator)
+        source = _source(expert) if expert else None
+        if settings.name == "biased":
+            actor = _source(self.learner.actor)
+            return BiasedExploration(actor, source, noise, settings.phi, self.generator, unsure)
+        if unsure is None or source is None:
+            lacks = "demonstrations" if source is None else "dropout in the actor"
+            raise RledError(f"the Monte-Carlo gate lacks {lacks}", "", "give --bag and learner.actor.dropout > 0")
+        return MonteCarloGate(unsure, source, noise, settings.threshold, settings.measure)
+
+    def _begin_episode(self, seed: int) -> None:
+        self._episode_seed, self._episode_actions = seed, list[NDArray[np.float32]]()
+        self._episode = EpisodeResult(0.0, 0, 0, 0)
+        observation, _ = self.env.reset(seed=seed)
+        self._observation = self.expertise.scaling.normalize_observation(observation)
+        self.behaviour.begin()
+
+    def advance(self) -> None:
+        """One environment step, and the gradient steps that are due after it."""
+        choice = self.behaviour.act(self._observation)
+        reward, risky, terminated, truncated, observation = self._transition(choice.action)
+        self.replay.add(self._observation, choice.action, reward, terminated, observation)
+        self.interval.count(choice, reward, risky)
+        self._observation = observation
+        self.step += 1
+        if terminated or truncated:
+            self.interval.episodes.append(self._episode)
+            self._begin_episode(int(self.generator.integers(SEEDS)))
+        schedule = self.config.schedule
+        if self.step >= schedule.train_after and self.step % schedule.train_every == 0:
+            self._learn(schedule.gradient_steps)
+
+    def _transition(self, action: NDArray[np.float32]) -> tuple[float, bool, bool, bool, NDArray[np.float32]]:
+        scaling = self.expertise.scaling
+        physical = scaling.denormalize_action(action).astype(np.float32)
+        observation, reward, terminated, truncated, info = self.env.step(physical)
+        self._episode_actions.append(action)
+        before = self._episode
+        self._episode = EpisodeResult(
+            before.reward + float(reward),
+            before.steps + 1,
+            int(info.get("targets_reached", 0)),
+            int(info.get("violations", 0)),
+        )
+        risky = bool(info.get("risky", False))
+        return float(reward), risky, terminated, truncated, scaling.normalize_observation(observation)
+
+    def _learn(self, gradient_steps: int) -> None:
+        for _ in range(gradient_steps):
+            self.interval.updates.append(self.learner.update(self._batch()))
+        if gradient_steps and not math.isfinite(float(self.interval.updates[-1].critic_loss)):
+            raise DivergenceError(f"the critic's loss is no number at step {self.step}", "", "lower the learning rates")
+
+    def _batch(self) -> Batch:
+        size, share = self.config.schedule.batch_size, self.config.schedule.expert_share
+        demonstrated = round(size * share) if self.expertise.rows else 0
+        batch = self.replay.sample(size - demonstrated, self.learner.generator)
+        if not demonstrated or self.expertise.rows is None:
+            return batch
+        rows = torch.cat((batch.rows, self.expertise.rows.sample(demonstrated, self.generator)))
+        return Batch(rows, batch.observation_size, batch.action_size, demonstrated)
+
+    def evaluate(self) -> dict[str, float]:
+        """Mean result of the actor without noise or dropout, on the same episodes every time."""
+        act, scaling = _source(self.learner.actor), self.expertise.scaling
+
+        def physical(observation: NDArray[Any]) -> NDArray[np.float32]:
+            return scaling.denormalize_action(act(scaling.normalize_observation(observation))).astype(np.float32)
+
+        results = roll_out(self.evaluation_env, physical, self.config.schedule.evaluation_episodes, EVALUATION_SEED)
+        return {f"evaluation_{name}": value for name, value in mean_result(results).items()}
+
+    def checkpoint(self) -> Checkpoint:
+        """All state, taken where an interval of metrics has just been closed."""
+        actions = np.array(self._episode_actions, dtype=np.float32).reshape(len(self._episode_actions), -1)
+        tensors = self.learner.tensors() | {
+            "replay.rows": torch.from_numpy(self.replay.rows[: len(self.replay)]),
+            "generator": self.learner.generator.get_state(),
+            "episode.actions": torch.from_numpy(actions),
+        }
+        state = {
+            "step": self.step,
+            "updates": self.learner.updates,
+            "added": self.replay.added,
+            "generator": self.generator.bit_generator.state,
+            "episode_seed": self._episode_seed,
+            "config": self.config.to_dict(),
+        }
+        if isinstance(self.behaviour, BiasedExploration):
+            state["expert_episode"] = self.behaviour.expert_episode
+        return Checkpoint(tensors, state)
+
+    def restore(self, checkpoint: Checkpoint) -> None:
+        """Continue bit for bit: the episode is begun again with its seed and its actions.
+
+        Raises:
+            CheckpointError: of another configuration or environment.
+        """
+        tensors, state = checkpoint
+        self._begin_episode(state["episode_seed"])
+        for action in tensors["episode.actions"].numpy():
+            *_, self._observation = self._transition(action)
+        for name, tensor in self.learner.tensors().items():
+            if tensors[name].shape != tensor.shape:
+                raise CheckpointError(f"{name} has {len(tensors[name])} numbers", str(len(tensor)))
+            tensor.copy_(tensors[name])
+        self.replay.rows[: len(tensors["replay.rows"])] = tensors["replay.rows"].numpy()
+        self.replay.added, self.step, self.learner.updates = state["added"], state["step"], state["updates"]
+        self.learner.generator.set_state(tensors["generator"])
+        self.generator.bit_generator.state = state["generator"]
+        if isinstance(self.behaviour, BiasedExploration):
+            self.behaviour.expert_episode = state["expert_episode"]
+
+
+def _source(network: Network) -> Source:
+    def act(observation: NDArray[np.float32]) -> NDArray[np.float32]:
+        action: NDArray[np.float32] = network.forward(torch.from_numpy(observation)[None])[0, 0].numpy().copy()
+        return action
+
+    return act
