@@ -13,9 +13,9 @@ EDITABLE := --use-pep517 --no-build-isolation --no-deps --config-settings editab
 
 IS_USABLE := import sys, ensurepip; sys.exit(sys.version_info[:2] != (3, 11))
 PYTHON ?= $(shell for each in python3.11 python3; do "$$each" -c "$(IS_USABLE)" 2>/dev/null && echo "$$each" && break; done)
-NO_PYTHON := error: Python 3.11 with venv was not found (tried python3.11, python3); accepted: 3.11, the newest for which \
-PyBullet has a wheel; install it (apt install python3.11-venv, or: pyenv install 3.11) or name it: make setup PYTHON=path
-NO_PLATFORM := error: this is $(shell uname -sm); accepted: Linux x86_64, for which ROS 2 has wheels; use the Dockerfile instead
+NO_PYTHON = error: Python 3.11 with venv was not found (tried: $(or $(PYTHON),python3.11, python3)); accepted: 3.11, the newest for which \
+PyBullet has a wheel; install that (apt install python3.11-venv, or: pyenv install 3.11) or name it: make setup PYTHON=path
+NO_PLATFORM = error: this is $(shell uname -sm); accepted: Linux x86_64, for which ROS 2 has wheels; use the Dockerfile instead
 
 help: ## List the targets.
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-8s %s\n", $$1, $$2 }' Makefile
@@ -25,7 +25,7 @@ setup: .venv/packages.stamp ## Make .venv with Python 3.11 from requirements.loc
 
 .venv/lock.stamp: requirements.lock
 	@test "$$(uname -sm)" = "Linux x86_64" || { echo "$(NO_PLATFORM)" >&2; exit 2; }
-	@test -n "$(PYTHON)" || { echo "$(NO_PYTHON)" >&2; exit 2; }
+	@"$(PYTHON)" -c "$(IS_USABLE)" 2>/dev/null || { echo "$(NO_PYTHON)" >&2; exit 2; }
 	@$(BIN)/python -c "$(IS_USABLE)" 2>/dev/null || { set -x; "$(PYTHON)" -m venv --clear .venv; }
 	$(BIN)/python -m pip install -r requirements.lock
 	@touch $@
@@ -55,7 +55,7 @@ bench: setup ## Measure; figures in out/bench/summary.json.
 
 # Local versions (+cpu) and the CUDA packages that PyPI's torch names itself are left out, so the lock fits every machine.
 lock: ## Resolve requirements*.txt anew into requirements.lock.
-	@test -n "$(PYTHON)" || { echo "$(NO_PYTHON)" >&2; exit 2; }
+	@"$(PYTHON)" -c "$(IS_USABLE)" 2>/dev/null || { echo "$(NO_PYTHON)" >&2; exit 2; }
 	"$(PYTHON)" -m venv --clear out/lock
 	out/lock/bin/pip install --quiet pip-tools==7.6.2
 	CUSTOM_COMPILE_COMMAND="make lock" out/lock/bin/pip-compile --quiet --upgrade --no-annotate --strip-extras --allow-unsafe \

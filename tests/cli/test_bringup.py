@@ -1,4 +1,4 @@
-"""Launch files and parameter files agree with the nodes. (`launch` is not among the wheels: files are read, not run.)"""
+"""Launch files and parameter files agree with the nodes; they are read, not run: `launch` has no wheel."""
 
 import ast
 from collections.abc import Iterator

@@ -82,9 +82,7 @@ def test_launch_files_and_parameters_are_installed(workspace: Path) -> None:
 
 
 def test_a_node_of_the_install_space_publishes_and_ends_on_sigint(workspace: Path) -> None:
-    command = sourced(
-        workspace, prefix_of(workspace, "rled_sim") / "lib" / "rled_sim" / "sim_node", "--robot", "planar"
-    )
+    sim_node = prefix_of(workspace, "rled_sim") / "lib" / "rled_sim" / "sim_node"
     context = fresh_context()
     node = Node("listener", context=context)
     heard = []
