@@ -15,6 +15,9 @@ from rled_msgs_py.errors import ContractError
 
 Vector = NDArray[np.float64]
 
+UNIT_TOLERANCE = 1e-3
+"""How far the squared norm of an orientation may be from 1."""
+
 
 def finite_vector(values: ArrayLike, size: int, what: str) -> Vector:
     """Return ``values`` as a read-only float64 vector, shape (size,).
@@ -96,7 +99,7 @@ class PoseSample:
     def __post_init__(self) -> None:
         object.__setattr__(self, "position", finite_vector(self.position, 3, "position"))
         orientation = finite_vector(self.orientation, 4, "orientation")
-        if abs(float(orientation @ orientation) - 1.0) > 1e-3:
+        if abs(float(orientation @ orientation) - 1.0) > UNIT_TOLERANCE:
             raise ContractError(f"orientation {orientation.tolist()} has norm {np.linalg.norm(orientation):.3g}", "1")
         object.__setattr__(self, "orientation", orientation)
 

@@ -1,0 +1,13 @@
+"""Bags: rosbag2 recordings in MCAP, written and read as records of the contract, without ROS.
+
+``BagWriter`` records, ``Bag`` reads, ``repair`` completes a recording whose process was killed.
+"""
+
+from rled_msgs_py.bags.bag import Bag
+from rled_msgs_py.bags.error import BagError
+from rled_msgs_py.bags.mcap_writer import FLUSH_PERIOD
+from rled_msgs_py.bags.repair import Repaired, repair
+from rled_msgs_py.bags.tables import JointTable, PoseTable
+from rled_msgs_py.bags.writer import BagWriter
+
+__all__ = ["FLUSH_PERIOD", "Bag", "BagError", "BagWriter", "JointTable", "PoseTable", "Repaired", "repair"]

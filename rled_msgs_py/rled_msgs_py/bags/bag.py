@@ -1,0 +1,184 @@
+"""Reading a bag as records and as arrays."""
+
+from collections import Counter
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from functools import cached_property
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+
+from rled_msgs_py.bags.codec import defines, definition
+from rled_msgs_py.bags.error import BagError
+from rled_msgs_py.bags.folder import open_files
+from rled_msgs_py.bags.storage import BagTopic, Messages, Storage
+from rled_msgs_py.bags.tables import JointTable, PoseTable, joint_table, payloads, pose_table, read_record
+from rled_msgs_py.errors import ContractError
+from rled_msgs_py.records import Record, Text
+from rled_msgs_py.task import TaskDescription
+from rled_msgs_py.tick import STATE_TOPICS, StateRecord, Tick, TickAssembler
+from rled_msgs_py.topics import CLOCK_TOPIC, DIAGNOSTICS, ROBOT_DESCRIPTION, TASK_DESCRIPTION, Topic
+
+OUTSIDE = (DIAGNOSTICS.name, CLOCK_TOPIC.name)
+"""Topics of the contract that lie in no namespace."""
+
+
+class Bag:
+    """A recorded bag: a rosbag2 folder or a bare .mcap file.
+
+    Topics are found below the namespace of ``task_description``, so a bag of a namespaced robot reads like any other.
+
+    Attributes:
+        path: where it lies.
+        metadata: texts by name that were kept with it.
+        counts: messages of each topic by name relative to the namespace, as in ``topics``; 0 for what is not there.
+
+    Raises:
+        BagError: the bag is missing, empty, unfinished, damaged or foreign. Damage of a file that has no checksum of
+            its own is found when the messages are read.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = Path(path)
+        self._files, self.metadata = open_files(self.path)
+        self._namespace = self._find_namespace()
+        self.counts: Counter[str] = Counter()
+        for file in self._files:
+            for channel, topic in file.topics.items():
+                self.counts[self._relative(topic.name)] += file.counts.get(channel, 0)
+        if not self.message_count:
+            raise BagError(f"{self.path} holds no messages", "a recorded bag", "record it again")
+
+    @property
+    def message_count(self) -> int:
+        """Messages of all topics."""
+        return self.counts.total()
+
+    @cached_property
+    def task(self) -> TaskDescription:
+        """The task that was recorded.
+
+        Raises:
+            BagError: there is no description, there are several, or it is not valid.
+        """
+        with self._located():
+            return TaskDescription.from_json(self._latched(TASK_DESCRIPTION))
+
+    @cached_property
+    def robot_description(self) -> str:
+        """The robot's URDF text.
+
+        Raises:
+            BagError: there is none, or there are several.
+        """
+        return self._latched(ROBOT_DESCRIPTION)
+
+    def records(self, topic: Topic) -> Iterator[Record]:
+        """The records of a topic in log order.
+
+        Raises:
+            BagError: a message is damaged or not valid; names it.
+        """
+        for _, record in self._records([topic]):
+            yield record
+
+    def ticks(self) -> Iterator[Tick]:
+        """The states of the simulation, each as one; a stamp at which a topic is missing is left out.
+
+        Raises:
+            BagError: a message is damaged or not valid; names it.
+        """
+        assembler = TickAssembler()
+        for topic, record in self._records(STATE_TOPICS):
+            tick = assembler.add(topic.name, cast(StateRecord, record))
+            if tick is not None:
+                yield tick
+
+    def joints(self, topic: Topic) -> JointTable:
+        """All joint messages of a topic.
+
+        Raises:
+            BagError: a message is damaged, not valid, or names other joints than the first; names it.
+        """
+        with self._located():
+            return joint_table(topic, self._runs([topic]))
+
+    def poses(self, topic: Topic) -> PoseTable:
+        """All pose messages of a topic.
+
+        Raises:
+            BagError: a message is damaged, not valid, or in another frame than the first; names it.
+        """
+        with self._located():
+            return pose_table(topic, self._runs([topic]))
+
+    def _records(self, topics: Collection[Topic]) -> Iterator[tuple[Topic, Record]]:
+        by_name = {self._absolute(topic): topic for topic in topics}
+        found, times = list[tuple[Topic, int, bytes]](), list[int]()
+        numbers: Counter[Topic] = Counter()
+        for file, run in self._runs_of_files(topics):
+            for channel, data in zip(run.channel.tolist(), payloads(run), strict=True):
+                topic = by_name[file.topics[channel].name]
+                found.append((topic, numbers[topic], data))
+                numbers[topic] += 1
+            times += run.log_time.tolist()
+        with self._located():
+            for place in np.argsort(np.array(times, np.int64), kind="stable").tolist():
+                topic, number, data = found[place]
+                yield topic, read_record(topic, number, data)
+
+    def _runs(self, topics: Collection[Topic]) -> Iterator[Messages]:
+        for _, run in self._runs_of_files(topics):
+            yield run
+
+    def _runs_of_files(self, topics: Collection[Topic]) -> Iterator[tuple[Storage, Messages]]:
+        by_name = {self._absolute(topic): topic for topic in topics}
+        for file in self._files:
+            channels = {channel: found for channel, found in file.topics.items() if found.name in by_name}
+            for found in channels.values():
+                self._require_type(found, by_name[found.name])
+            for run in file.messages(channels):
+                yield file, run
+
+    def _latched(self, topic: Topic) -> str:
+        texts = {cast(Text, record).data for record in self.records(topic)}
+        if not texts:
+            accepted = "a recording that began with the simulation running"
+            raise BagError(f"{self.path} holds no {topic.name}", accepted, "record it again with record_demos")
+        if len(texts) > 1:
+            what = f"{self.path} holds {len(texts)} different messages on {topic.name}"
+            raise BagError(what, "one robot and one task in a bag", "record each in a bag of its own")
+        return texts.pop()
+
+    def _find_namespace(self) -> str:
+        names = {topic.name for file in self._files for topic in file.topics.values()}
+        found = sorted(name for name in names if name.endswith(f"/{TASK_DESCRIPTION.name}"))
+        if len(found) > 1:
+            raise BagError(f"{self.path} holds several robots: {', '.join(found)}", "one robot in a bag")
+        return found[0].removesuffix(TASK_DESCRIPTION.name) if found else "/"
+
+    def _absolute(self, topic: Topic) -> str:
+        return topic.name if topic.name.startswith("/") else self._namespace + topic.name
+
+    def _relative(self, name: str) -> str:
+        return name if name in OUTSIDE else name.removeprefix(self._namespace)
+
+    def _require_type(self, found: BagTopic, wanted: Topic) -> None:
+        if found.encoding != "cdr" or found.type != wanted.type:
+            what = f"{self.path} has {found.type} in the encoding '{found.encoding}' on {found.name}"
+            raise BagError(what, f"{wanted.type} in the encoding 'cdr'")
+        text, type_hash = definition(wanted.type)
+        if found.definition_encoding == "ros2msg":
+            same = found.definition == text or defines(found.definition, wanted.type)
+        else:
+            same = found.hash == type_hash
+        if not same:
+            raise BagError(f"{self.path} defines {found.type} otherwise", "the definition of ROS 2 Jazzy")
+
+    @contextmanager
+    def _located(self) -> Iterator[None]:
+        try:
+            yield
+        except ContractError as error:
+            raise BagError(f"{self.path}: {error.what}", error.accepted, error.remedy) from None

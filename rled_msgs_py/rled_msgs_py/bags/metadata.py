@@ -1,0 +1,161 @@
+"""``metadata.yaml`` of a bag folder, version 9, as rosbag2 of Jazzy writes it."""
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import yaml
+
+from rled_msgs_py.bags.error import BagError, Damage, remedy
+from rled_msgs_py.bags.storage import BagTopic
+from rled_msgs_py.files import whole_file
+from rled_msgs_py.topics import Qos
+
+FILE_NAME = "metadata.yaml"
+ROOT = "rosbag2_bagfile_information"
+NO_TIME = 2**63 - 1
+"""Starting time of a bag without messages."""
+
+FOREVER = {"sec": 9223372036, "nsec": 854775807}
+
+
+class FileSummary(NamedTuple):
+    """What one file of a bag holds.
+
+    Attributes:
+        name: file name.
+        first: least log time (ns).
+        last: greatest log time (ns).
+        counts: messages of each topic.
+    """
+
+    name: str
+    first: int
+    last: int
+    counts: Mapping[BagTopic, int]
+
+
+class Contents(NamedTuple):
+    """What a reader takes from ``metadata.yaml``."""
+
+    files: list[str]
+    message_count: int
+    custom: dict[str, str]
+
+
+def qos_profiles(qos: Qos) -> str:
+    """Offered quality of service, as the YAML text that a channel carries."""
+    profile = {
+        "history": "keep_last",
+        "depth": qos.depth,
+        "reliability": qos.reliability,
+        "durability": qos.durability,
+        "deadline": dict(FOREVER),
+        "lifespan": dict(FOREVER),
+        "liveliness": "automatic",
+        "liveliness_lease_duration": dict(FOREVER),
+        "avoid_ros_namespace_conventions": False,
+    }
+    return _dump([profile]).strip()
+
+
+def information(files: Iterable[FileSummary], custom: Mapping[str, str]) -> dict[str, Any]:
+    """The content of ``metadata.yaml`` below its root."""
+    files = list(files)
+    counts: dict[BagTopic, int] = {}
+    for file in files:
+        for topic, count in file.counts.items():
+            counts[topic] = counts.get(topic, 0) + count
+    first, last = min((file.first for file in files), default=NO_TIME), max((file.last for file in files), default=0)
+    return {
+        "version": 9,
+        "storage_identifier": "mcap",
+        **_extent(first, last),
+        "message_count": sum(counts.values()),
+        "topics_with_message_count": [_topic(topic, count) for topic, count in counts.items()],
+        "compression_format": "",
+        "compression_mode": "",
+        "relative_file_paths": [file.name for file in files],
+        "files": [
+            {"path": file.name, **_extent(file.first, file.last), "message_count": sum(file.counts.values())}
+            for file in files
+        ],
+        "custom_data": dict(custom) or None,
+        "ros_distro": "jazzy",
+    }
+
+
+def serialized(files: Iterable[FileSummary], custom: Mapping[str, str]) -> str:
+    """The text that rosbag2 keeps inside an MCAP file too."""
+    return _dump(information(files, custom))
+
+
+def write_metadata(folder: Path, files: Iterable[FileSummary], custom: Mapping[str, str]) -> None:
+    """Write ``metadata.yaml``, whole."""
+    with whole_file(folder / FILE_NAME) as temporary:
+        temporary.write_text(_dump({ROOT: information(files, custom)}), encoding="utf-8")
+
+
+def read_metadata(folder: Path) -> Contents:
+    """Read ``metadata.yaml`` of any version.
+
+    Raises:
+        BagError: missing, unreadable, of another storage, or compressed in a way that is not read.
+    """
+    path = folder / FILE_NAME
+    try:
+        found = yaml.safe_load(path.read_text(encoding="utf-8"))[ROOT]
+        _require(folder, "storage_identifier", found["storage_identifier"], "mcap")
+        _require(folder, "compression_mode", found.get("compression_mode", ""), "", "none", "storage")
+        # old versions wrote paths from the folder above
+        files = [Path(name).name for name in found["relative_file_paths"]]
+        return Contents(files, int(found["message_count"]), custom_data(_dump(found)))
+    except FileNotFoundError:
+        what = f"{folder} has no {FILE_NAME}, so its recorder has not ended in order"
+        raise BagError(what, "a finished bag", remedy(folder)) from None
+    except OSError as error:
+        raise BagError(f"{path} cannot be read: {error.strerror}") from None
+    except (yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError, ValueError, AttributeError, Damage):
+        raise BagError(f"{path} is damaged", "metadata of a rosbag2 recording", remedy(folder)) from None
+
+
+def custom_data(text: str) -> dict[str, str]:
+    """The user's metadata in rosbag2's YAML.
+
+    Raises:
+        Damage: the text is no YAML, or the metadata are no pairs of texts.
+    """
+    try:
+        return {str(key): str(value) for key, value in ((yaml.safe_load(text) or {}).get("custom_data") or {}).items()}
+    except (yaml.YAMLError, AttributeError):
+        raise Damage("its metadata are no YAML") from None
+
+
+def _require(folder: Path, name: str, value: str, *accepted: str) -> None:
+    if str(value).lower() not in accepted:
+        wanted = ", ".join(filter(None, accepted)) or "none"
+        raise BagError(f"{folder} has the {name} '{value}'", wanted, "convert it with: ros2 bag convert")
+
+
+def _extent(first: int, last: int) -> dict[str, Any]:
+    return {
+        "duration": {"nanoseconds": max(last - first, 0)},
+        "starting_time": {"nanoseconds_since_epoch": first},
+    }
+
+
+def _topic(topic: BagTopic, count: int) -> dict[str, Any]:
+    return {
+        "topic_metadata": {
+            "name": topic.name,
+            "type": topic.type,
+            "serialization_format": topic.encoding,
+            "offered_qos_profiles": yaml.safe_load(topic.qos) or [],
+            "type_description_hash": topic.hash,
+        },
+        "message_count": count,
+    }
+
+
+def _dump(content: Any) -> str:
+    return str(yaml.safe_dump(content, sort_keys=False, width=2**31))

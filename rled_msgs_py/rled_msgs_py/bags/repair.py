@@ -1,0 +1,163 @@
+"""Completing a bag whose recorder was killed, or saving what is whole of a damaged one."""
+
+import fcntl
+import shutil
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from mmap import mmap
+from pathlib import Path
+from struct import Struct
+from typing import NamedTuple
+
+from mcap.opcode import Opcode
+
+from rled_msgs_py.bags.error import BagError, Damage
+from rled_msgs_py.bags.folder import mcap_files, open_files
+from rled_msgs_py.bags.mcap_file import McapFile, map_file, topic_of
+from rled_msgs_py.bags.mcap_survey import Survey, unpack, walk
+from rled_msgs_py.bags.mcap_writer import McapWriter
+from rled_msgs_py.bags.metadata import NO_TIME, FileSummary, write_metadata
+from rled_msgs_py.bags.storage import BagTopic, Storage
+
+ROOM = ".repair"
+"""Folder beside a file, in which its successor is written."""
+
+MESSAGE_HEAD = Struct("<HIQQ")
+
+
+class Repaired(NamedTuple):
+    """What a repair did.
+
+    Attributes:
+        messages: messages that the bag holds now.
+        lost: what was left out, each part in words; empty when the bag was complete.
+    """
+
+    messages: int
+    lost: list[str]
+
+
+class _Message(NamedTuple):
+    topic: BagTopic
+    log_time: int
+    publish_time: int
+    data: bytes
+
+
+def repair(path: Path) -> Repaired:
+    """Make a bag complete: rewrite each unfinished or damaged file from what is whole in it, then ``metadata.yaml``.
+
+    A file is replaced at once, when its successor is whole on the disk, so an interrupted repair loses nothing. A bag
+    that is complete already is left as it is.
+
+    Args:
+        path: a bag's folder, or a bare .mcap file.
+
+    Raises:
+        BagError: no bag, a recorder is still writing it, nothing in it can be saved, or it cannot be written.
+    """
+    path = Path(path)
+    files = mcap_files(path) if path.is_dir() else [path]
+    if not files or not path.exists():
+        raise BagError(f"{path} holds no .mcap file", "a bag's folder or an .mcap file", "is the path right?")
+    for file in files:
+        _require_idle(file)
+    if (messages := _messages_if_complete(path)) is not None:
+        return Repaired(messages, [])
+    lost = list[str]()
+    summaries = [_repair_file(file, lost) for file in files]
+    if path.is_dir():
+        _write_metadata(path, summaries, Survey(map_file(files[-1])).custom)
+    return Repaired(sum(sum(summary.counts.values()) for summary in summaries), lost)
+
+
+def _require_idle(file: Path) -> None:
+    try:
+        with file.open("rb") as opened:
+            fcntl.flock(opened, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise BagError(f"{file} is being recorded", "a bag that nobody writes", "end the recorder first") from None
+    except OSError as error:
+        raise BagError(f"{file} cannot be read: {error.strerror}") from None
+
+
+def _messages_if_complete(path: Path) -> int | None:
+    try:
+        files, _ = open_files(path)
+        return sum(sum(_summary(path, file).counts.values()) for file in files)
+    except BagError:
+        return None
+
+
+def _summary(path: Path, file: Storage) -> FileSummary:
+    """What a complete file holds; reads all of it.
+
+    Raises:
+        BagError: it is damaged.
+    """
+    first, last, counts = NO_TIME, 0, Counter[BagTopic]()
+    for run in file.messages(file.topics):
+        first, last = min(first, *run.log_time.tolist()), max(last, *run.log_time.tolist())
+    for channel, topic in file.topics.items():
+        counts[topic] += file.counts.get(channel, 0)
+    return FileSummary(path.name, first, last, counts)
+
+
+def _repair_file(file: Path, lost: list[str]) -> FileSummary:
+    try:
+        return _summary(file, McapFile(file))
+    except BagError:
+        return _rewrite(file, lost)
+
+
+def _rewrite(file: Path, lost: list[str]) -> FileSummary:
+    room = file.parent / ROOM
+    try:
+        shutil.rmtree(room, ignore_errors=True)
+        room.mkdir()
+        summary = _save(map_file(file), room / file.name, lost)
+        if not summary.counts:
+            raise BagError(f"nothing in {file} can be saved", "a file with one whole chunk of messages")
+        (room / file.name).replace(file)
+    except OSError as error:
+        raise BagError(f"{file} cannot be repaired: {error.strerror}; it is as it was") from None
+    finally:
+        shutil.rmtree(room, ignore_errors=True)
+    return summary
+
+
+def _save(data: mmap, successor: Path, lost: list[str]) -> FileSummary:
+    survey = Survey(data)
+    lost += map(str, survey.damage)
+    if survey.footer is None and survey.end < len(data):
+        lost.append(f"the last {len(data) - survey.end} bytes, in which a record breaks off")
+    writer = McapWriter(successor, survey.custom)
+    channels = dict[BagTopic, int]()
+    for topic, log_time, publish_time, message in _whole_messages(survey, data, lost):
+        if topic not in channels:
+            channels[topic] = writer.add_topic(topic)
+        writer.add_message(channels[topic], log_time, publish_time, message)
+    writer.close()
+    return writer.summary()
+
+
+def _whole_messages(survey: Survey, data: mmap, lost: list[str]) -> Iterator[_Message]:
+    for chunk in survey.chunks:
+        try:
+            block = unpack(data, chunk)
+            for opcode, start, stop in walk(block, 0, len(block)):
+                if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                    survey.define(opcode, block, start, stop)
+                elif opcode == Opcode.MESSAGE and stop - start >= MESSAGE_HEAD.size:
+                    channel, _, log_time, publish_time = MESSAGE_HEAD.unpack_from(block, start)
+                    content = block[start + MESSAGE_HEAD.size : stop]
+                    yield _Message(topic_of(survey, channel), log_time, publish_time, content)
+        except Damage as damage:
+            lost.append(str(damage))
+
+
+def _write_metadata(folder: Path, summaries: Sequence[FileSummary], custom: dict[str, str]) -> None:
+    try:
+        write_metadata(folder, summaries, custom)
+    except OSError as error:
+        raise BagError(f"the metadata of {folder} cannot be written: {error.strerror}") from None

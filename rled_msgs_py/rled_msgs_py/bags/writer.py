@@ -1,0 +1,133 @@
+"""Recording: records of the contract into a rosbag2 folder."""
+
+import shutil
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType, TracebackType
+
+from rled_msgs_py.bags.codec import definition, encode
+from rled_msgs_py.bags.error import BagError, remedy
+from rled_msgs_py.bags.mcap_writer import McapWriter
+from rled_msgs_py.bags.metadata import FILE_NAME, qos_profiles, write_metadata
+from rled_msgs_py.bags.storage import BagTopic
+from rled_msgs_py.records import Record
+from rled_msgs_py.topics import Topic
+
+
+def absolute(name: str) -> str:
+    """Name of a topic of the contract in a bag, where every name is absolute."""
+    return name if name.startswith("/") else f"/{name}"
+
+
+def describe(topic: Topic) -> BagTopic:
+    """A topic of the contract as a bag describes it."""
+    text, type_hash = definition(topic.type)
+    return BagTopic(absolute(topic.name), topic.type, "cdr", text, "ros2msg", type_hash, qos_profiles(topic.qos))
+
+
+class BagWriter:
+    """Writes a bag; a context manager, which completes the bag however its block ends.
+
+    The folder is there from the start, so that a killed recording can be read (after ``repair``). ``metadata.yaml``
+    comes last: a bag that has one is complete.
+
+    Args:
+        path: the bag's folder.
+        metadata: texts by name, kept with the bag (``custom_data``).
+        overwrite: take the place of a bag that is there already.
+
+    Raises:
+        BagError: the folder exists, or it cannot be written (from the methods too, naming what was kept).
+    """
+
+    def __init__(
+        self, path: Path, *, metadata: Mapping[str, str] = MappingProxyType({}), overwrite: bool = False
+    ) -> None:
+        self.path = Path(path)
+        _make_room(self.path, overwrite)
+        self.counts: Counter[str] = Counter()
+        self._channels: dict[Topic, int] = {}
+        self._last_log_time = 0
+        self._closed = False
+        self._file = McapWriter(self.path / f"{self.path.name}_0.mcap", metadata)
+
+    def write(self, topic: Topic, record: Record, log_time: int | None = None) -> None:
+        """Write a record.
+
+        Args:
+            topic: topic of the contract.
+            record: a record of the topic's kind.
+            log_time: time of arrival (ns), by default the record's stamp.
+
+        Raises:
+            ContractError: the record is of another kind than the topic.
+        """
+        data = encode(topic, record)
+        self.write_cdr(topic, data, getattr(record, "stamp", self._last_log_time) if log_time is None else log_time)
+
+    def write_cdr(self, topic: Topic, data: bytes, log_time: int, publish_time: int | None = None) -> None:
+        """Write a message as it was received.
+
+        Args:
+            topic: topic of the contract.
+            data: serialized message (CDR).
+            log_time: time of arrival (ns). One before the last written becomes that, so that every reader keeps the
+                order of writing, also when a simulation was restarted.
+            publish_time: time of sending (ns), by default ``log_time``.
+        """
+        if topic not in self._channels:
+            self._channels[topic] = self._file.add_topic(describe(topic))
+        self._last_log_time = max(log_time, self._last_log_time)
+        sent = log_time if publish_time is None else publish_time
+        self._file.add_message(self._channels[topic], self._last_log_time, sent, data)
+        self.counts[topic.name] += 1
+
+    def flush(self) -> None:
+        """Make what was written survive a kill; call it every ``FLUSH_PERIOD``."""
+        self._file.flush()
+
+    def close(self) -> None:
+        """Complete the bag."""
+        if self._closed or self._file.failed:
+            return
+        self._closed = True
+        self._file.close()
+        try:
+            write_metadata(self.path, [self._file.summary()], self._file.custom)
+        except OSError as error:
+            what = f"writing {self.path / FILE_NAME} failed: {error.strerror}; kept: all messages"
+            raise BagError(what, "", f"free space, then {remedy(self.path)}") from error
+
+    def __enter__(self) -> "BagWriter":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def _make_room(path: Path, overwrite: bool) -> None:
+    """Make an empty folder.
+
+    Raises:
+        BagError: something is there that may not be removed, or the folder cannot be made.
+    """
+    try:
+        if path.exists():
+            _require_replaceable(path, overwrite)
+            shutil.rmtree(path)
+        path.mkdir(parents=True)
+    except OSError as error:
+        raise BagError(f"the folder {path} cannot be made: {error.strerror}") from None
+
+
+def _require_replaceable(path: Path, overwrite: bool) -> None:
+    if not path.is_dir():
+        raise BagError(f"{path} is a file", "the name of a folder that is not there yet")
+    foreign = [each.name for each in path.iterdir() if each.name != FILE_NAME and each.suffix != ".mcap"]
+    if foreign:
+        raise BagError(f"{path} exists and is no bag: it holds {foreign[0]}", "a folder that is not there yet")
+    if not overwrite and any(path.iterdir()):
+        raise BagError(f"{path} exists", "a folder that is not there yet", "choose another name, or allow overwriting")
