@@ -94,15 +94,11 @@ def _draw(path: Path, band: Band, motions: Mapping[str, list[Motion]], axes: int
 
 
 def _print_table(results: Mapping[str, Mapping[str, Score]]) -> None:
-    print(
-        f"{'targets':<16}{'policy':<8}{'success':>9}{'steps':>8}{'path/straight':>15}{'jerk m/s3':>11}{'violations':>12}"
-    )
+    heads = ("success", "steps", "path/straight", "jerk m/s3", "violations")
+    print(f"{'targets':<16}{'policy':<8}" + "".join(f"{head:>14}" for head in heads))
     for band, row in results.items():
         for name, value in row.items():
-            print(
-                f"{band:<16}{name:<8}{value.success:>9.1%}{value.steps:>8.1f}{value.path_length:>15.2f}"
-                f"{value.jerk:>11.1f}{value.violations:>12.2f}"
-            )
+            print(f"{band:<16}{name:<8}" + "".join(f"{figure:>14.3g}" for figure in value))
 
 
 if __name__ == "__main__":

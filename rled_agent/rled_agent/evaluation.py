@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -146,7 +146,9 @@ def move(task: TaskDescription, chain: Chain, act: Act, band: Band, steps: int) 
 
 
 def score(
-    task: TaskDescription, motions: Sequence[Motion], risky: Callable[[Sequence[float], tuple[float, ...]], bool]
+    task: TaskDescription,
+    motions: Sequence[Motion],
+    risky: Callable[[Sequence[float], tuple[float, float, float]], bool],
 ) -> Score:
     """Figures of a band's motions."""
     reached = [motion for motion in motions if motion.reached and len(motion.positions) > 1]
@@ -154,7 +156,9 @@ def score(
         _length(motion.positions) / np.linalg.norm(motion.positions[-1] - motion.positions[0]) for motion in reached
     ]
     violations = [
-        sum(risky(q, tuple(x)) for q, x in zip(motion.joints.tolist(), motion.positions.tolist(), strict=True))
+        sum(
+            risky(q, (x[0], x[1], x[2])) for q, x in zip(motion.joints.tolist(), motion.positions.tolist(), strict=True)
+        )
         for motion in motions
     ]
     jerks = [jerk(motion.positions, task.period * 1e-9) for motion in motions if len(motion.positions) > 3]
@@ -177,5 +181,5 @@ def _length(positions: Floats) -> float:
     return float(np.linalg.norm(np.diff(positions, axis=0), axis=1).sum())
 
 
-def _mean(values: Sequence[float] | Sequence[int]) -> float:
-    return float(np.mean(values)) if len(values) else float("nan")
+def _mean(values: Sequence[float | np.floating[Any]]) -> float:
+    return float(np.mean(np.asarray(values))) if len(values) else float("nan")

@@ -1,11 +1,11 @@
 """Command: reinforcement learning from a bag of demonstrations, in process or over the graph."""
 
 import contextlib
-import signal
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from threading import Event
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -14,6 +14,7 @@ import tyro
 from numpy.typing import NDArray
 from rled_msgs_py.bags import Bag
 from rled_msgs_py.errors import RledError, command_line
+from rled_msgs_py.stopping import stop_requested
 from torch.utils.tensorboard import SummaryWriter
 from tqdm import tqdm
 
@@ -59,8 +60,8 @@ def main() -> None:
     with _environments(options) as (env, evaluation_env, expertise):
         trainer = Trainer(env, evaluation_env, options.config, expertise)
         _open_run(directory, options, trainer)
-        with _stopping() as stopping, SummaryWriter(str(options.output), purge_step=trainer.step) as board:
-            _train(trainer, directory, board, stopping)
+        with stop_requested() as stop, SummaryWriter(str(options.output), purge_step=trainer.step) as board:
+            _train(trainer, directory, board, stop)
     print(f"{trainer.step:,} of {options.config.schedule.steps:,} steps; the run is in {options.output}")
 
 
@@ -113,25 +114,11 @@ def _graph_environment() -> Environment:
     return GraphEnv()
 
 
-@contextlib.contextmanager
-def _stopping() -> Iterator[list[int]]:
-    """Collects SIGINT and SIGTERM instead of dying of them, so that the run ends with a checkpoint."""
-    caught: list[int] = []
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    for number in before:
-        signal.signal(number, lambda received, _: caught.append(received))
-    try:
-        yield caught
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
-def _train(trainer: Trainer, directory: RunDirectory, board: SummaryWriter, stopping: list[int]) -> None:
+def _train(trainer: Trainer, directory: RunDirectory, board: SummaryWriter, stop: Event) -> None:
     schedule = trainer.config.schedule
     started, first = time.perf_counter(), trainer.step
     with tqdm(total=schedule.steps, initial=trainer.step, unit="step", mininterval=1.0, dynamic_ncols=True) as bar:
-        while trainer.step < schedule.steps and not stopping:
+        while trainer.step < schedule.steps and not stop.is_set():
             trainer.advance()
             bar.update()
             if trainer.step % schedule.log_every == 0 or trainer.step == schedule.steps:
@@ -140,7 +127,7 @@ def _train(trainer: Trainer, directory: RunDirectory, board: SummaryWriter, stop
                 _show(row, bar, board)
             if trainer.step % schedule.checkpoint_every == 0 or trainer.step == schedule.steps:
                 _save(trainer, directory)
-    if stopping:
+    if stop.is_set():
         _save(trainer, directory)
 
 

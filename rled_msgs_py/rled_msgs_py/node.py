@@ -1,12 +1,12 @@
 """Starting a node, its parameters and its end, the same way for every node of the graph."""
 
 import os
-import signal
 import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from threading import Event
 from typing import Any, TypeVar
 
 import rclpy
@@ -17,19 +17,23 @@ from rcl_interfaces.msg import (
     SetParametersResult,
 )
 from rclpy.context import Context
-from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
+from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 
 from rled_msgs_py.convert import MESSAGE_CLASSES, from_msg, qos_profile
 from rled_msgs_py.errors import ContractError, RledError, command_line
 from rled_msgs_py.params import Spec, build, parameters_of, parse_command_line
+from rled_msgs_py.stopping import stop_requested
 from rled_msgs_py.tick import STATE_TOPICS, StateRecord, Tick, TickAssembler
 from rled_msgs_py.topics import Topic
 
 P = TypeVar("P")
+STOP_WAIT = 0.1
+"""Longest wait for work before a request to stop is looked at (s)."""
 
 
 def advertise(node: Node, topic: Topic) -> Publisher:
@@ -147,7 +151,7 @@ def run_node(
     params: type[Any],
     program: str,
     summary: str,
-    work: Callable[[Any], None] | None = None,
+    work: Callable[[Any, Event], None] | None = None,
 ) -> None:
     """``main`` of a node: parse the command line, spin until SIGINT or SIGTERM, destroy, shut down.
 
@@ -156,21 +160,19 @@ def run_node(
         params: parameter dataclass, for ``--name value`` and ``--help``.
         program: name of the executable.
         summary: what it does, for ``--help``.
-        work: what is done with the node, to spin it by default.
+        work: what is done with the node until the event is set; to spin it by default.
     """
 
     def main() -> None:
         given, ros_arguments = parse_command_line(params, program, summary, sys.argv[1:])
         overrides = [Parameter(name, value=value) for name, value in given.items()]
         _require_domain()
-        rclpy.init(args=[program, *ros_arguments])
-        signal.signal(signal.SIGTERM, signal.getsignal(signal.SIGINT))
+        rclpy.init(args=[program, *ros_arguments], signal_handler_options=SignalHandlerOptions.NO)
         node: Node | None = None
         try:
-            node = make(parameter_overrides=overrides)
-            (work or spin)(node)
-        except (KeyboardInterrupt, ExternalShutdownException):
-            pass
+            with stop_requested() as stop:
+                node = make(parameter_overrides=overrides)
+                (work or spin)(node, stop)
         finally:
             if node is not None:
                 node.destroy_node()
@@ -179,12 +181,13 @@ def run_node(
     command_line(main)()
 
 
-def spin(node: Node, executor: Executor | None = None) -> None:
-    """Spin one node until its context shuts down."""
+def spin(node: Node, stop: Event, executor: Executor | None = None) -> None:
+    """Spin one node until it is asked to stop, or shuts its context down itself."""
     executor = executor or SingleThreadedExecutor(context=node.context)
     executor.add_node(node)
     try:
-        executor.spin()
+        while not stop.is_set() and node.context.ok():
+            executor.spin_once(timeout_sec=STOP_WAIT)
     finally:
         executor.remove_node(node)
 

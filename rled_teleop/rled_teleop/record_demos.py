@@ -1,11 +1,8 @@
 """Command: record a demonstration from the topics into a bag; with an operator named, everything is started."""
 
 import shlex
-import signal
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from threading import Event
 
@@ -26,7 +23,7 @@ LAST_MESSAGES = 2.0
 """How long messages are waited for after the operator has ended (s)."""
 
 
-def record(node: Recorder) -> None:
+def record(node: Recorder, stop: Event) -> None:
     """Record until the operator has ended, or until SIGINT or SIGTERM.
 
     Raises:
@@ -34,7 +31,7 @@ def record(node: Recorder) -> None:
     """
     params = node.params
     folder = _checked(params)
-    with stop_requested() as stop, BagWriter(folder, metadata=_metadata(params), overwrite=params.overwrite) as bag:
+    with BagWriter(folder, metadata=_metadata(params), overwrite=params.overwrite) as bag:
         with Children() as children:
             node.begin(bag)
             operator = _start(children, params) if params.operator != "none" else None
@@ -44,18 +41,6 @@ def record(node: Recorder) -> None:
     if operator is not None and stop.is_set():
         print("interrupted: the operator had not finished", file=sys.stderr)
         sys.exit(130)
-
-
-@contextmanager
-def stop_requested() -> Iterator[Event]:
-    """Turn SIGINT and SIGTERM into an event, so that no write is cut in two."""
-    stop = Event()
-    before = {each: signal.signal(each, lambda *_: stop.set()) for each in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield stop
-    finally:
-        for each, handler in before.items():
-            signal.signal(each, handler)
 
 
 def _checked(params: RecordParams) -> Path:
