@@ -26,6 +26,7 @@ from rled_msgs_py.records import (
 )
 
 NANOSECONDS = 1_000_000_000
+LATEST = 2**31 * NANOSECONDS
 
 
 class MessageTypes(NamedTuple):
@@ -47,18 +48,24 @@ class MessageTypes(NamedTuple):
 
 
 def stamp_to_msg(stamp: int, types: MessageTypes) -> Any:
-    """builtin_interfaces/Time of a stamp in ns."""
-    return types.Time(sec=stamp // NANOSECONDS, nanosec=stamp % NANOSECONDS)
+    """builtin_interfaces/Time of a stamp in ns.
+
+    Raises:
+        ContractError: before zero, or later than its 32 bits can say.
+    """
+    if not 0 <= stamp < LATEST:
+        raise ContractError(f"stamp of {stamp} ns", f"0 to {LATEST - 1} ns")
+    return types.Time(sec=int(stamp // NANOSECONDS), nanosec=int(stamp % NANOSECONDS))
 
 
 def stamp_from_msg(time: Any) -> int:
     """Nanoseconds of a builtin_interfaces/Time.
 
     Raises:
-        ContractError: before zero.
+        ContractError: before zero, or a second or more in the nanoseconds.
     """
-    if time.sec < 0:
-        raise ContractError(f"stamp of {time.sec} s", "0 s or later")
+    if time.sec < 0 or time.nanosec >= NANOSECONDS:
+        raise ContractError(f"stamp of {time.sec} s and {time.nanosec} ns", "0 s or later, less than 10^9 ns")
     return int(time.sec) * NANOSECONDS + int(time.nanosec)
 
 
@@ -146,8 +153,8 @@ def health_from_msg(msg: Any) -> Health:
 def gate_decision_to_msg(decision: GateDecision, types: MessageTypes) -> Any:
     """diagnostic_msgs/DiagnosticArray: message "actor: reason", figures as key-values."""
     values = {
-        "uncertainty": repr(decision.uncertainty),
-        "threshold": repr(decision.threshold),
+        "uncertainty": repr(float(decision.uncertainty)),
+        "threshold": repr(float(decision.threshold)),
         "measure": decision.measure,
         "episode": str(decision.episode),
         "step": str(decision.step),
@@ -171,8 +178,8 @@ def gate_decision_from_msg(msg: Any) -> GateDecision:
         _number(values[0]),
         _number(values[1]),
         values[2],
-        int(_number(values[3])),
-        int(_number(values[4])),
+        _count(values[3]),
+        _count(values[4]),
     )
 
 
@@ -181,7 +188,7 @@ def task_status_to_msg(status: TaskStatus, types: MessageTypes) -> Any:
     values = {
         "episode": str(status.episode),
         "step": str(status.step),
-        "reward": repr(status.reward),
+        "reward": repr(float(status.reward)),
         "targets_reached": str(status.targets_reached),
         "risky": str(int(status.risky)),
         "violations": str(status.violations),
@@ -196,17 +203,17 @@ def task_status_from_msg(msg: Any) -> TaskStatus:
     """Read the status off ``task_status``."""
     health = health_from_msg(msg)
     keys = ("episode", "step", "reward", "targets_reached", "risky", "violations", "terminated", "truncated")
-    episode, step, reward, reached, risky, violations, terminated, truncated = map(_number, _values(health, *keys))
+    episode, step, reward, reached, risky, violations, terminated, truncated = _values(health, *keys)
     return TaskStatus(
         health.stamp,
-        int(episode),
-        int(step),
-        reward,
-        int(reached),
-        bool(risky),
-        int(violations),
-        bool(terminated),
-        bool(truncated),
+        _count(episode),
+        _count(step),
+        _number(reward),
+        _count(reached),
+        _flag(risky),
+        _count(violations),
+        _flag(terminated),
+        _flag(truncated),
     )
 
 
@@ -232,6 +239,18 @@ def _number(text: str) -> float:
         return float(text)
     except ValueError:
         raise ContractError(f"'{text}' in a status", "a number") from None
+
+
+def _count(text: str) -> int:
+    if not (text.isascii() and text.isdigit()):
+        raise ContractError(f"'{text}' in a status", "a count, 0 or more")
+    return int(text)
+
+
+def _flag(text: str) -> bool:
+    if text not in ("0", "1"):
+        raise ContractError(f"'{text}' in a status", "0 or 1")
+    return text == "1"
 
 
 _EMPTY: Vector = np.empty(0)

@@ -34,7 +34,12 @@ def finite_vector(values: ArrayLike, size: int, what: str) -> Vector:
     return vector
 
 
-def _check_names(names: tuple[str, ...], what: str) -> None:
+def check_names(names: tuple[str, ...], what: str) -> None:
+    """Refuse joint names that do not tell joints apart.
+
+    Raises:
+        ContractError: none, an empty one, or one twice.
+    """
     if not names or len(set(names)) != len(names) or not all(names):
         raise ContractError(f"{what} has names {list(names)}", "distinct, non-empty joint names")
 
@@ -68,7 +73,7 @@ class JointSample:
     velocity: Vector
 
     def __post_init__(self) -> None:
-        _check_names(self.names, "a joint sample")
+        check_names(self.names, "a joint sample")
         object.__setattr__(self, "position", finite_vector(self.position, len(self.names), "position"))
         object.__setattr__(self, "velocity", finite_vector(self.velocity, len(self.names), "velocity"))
 
@@ -119,7 +124,7 @@ class DeltaCommand:
     delta: Vector
 
     def __post_init__(self) -> None:
-        _check_names(self.names, "a delta command")
+        check_names(self.names, "a delta command")
         object.__setattr__(self, "delta", finite_vector(self.delta, len(self.names), "delta"))
 
     def ordered(self, names: tuple[str, ...]) -> "DeltaCommand":
@@ -199,6 +204,10 @@ class TaskStatus:
     violations: int
     terminated: bool
     truncated: bool
+
+    def __post_init__(self) -> None:
+        if not np.isfinite(self.reward):
+            raise ContractError(f"reward is {self.reward}", "a finite number")
 
 
 @dataclass(frozen=True)

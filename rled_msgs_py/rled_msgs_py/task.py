@@ -1,14 +1,17 @@
 """What a task asks for, self-described: JSON on the latched topic ``task_description``, and so in every bag."""
 
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
-from typing import Any, Literal, get_args
+from functools import cache
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rled_msgs_py.errors import ContractError
+from rled_msgs_py.records import check_names
 
 Observation = Literal["displacement_and_joints", "position_and_target"]
 Reward = Literal["dense", "sparse"]
@@ -59,18 +62,28 @@ class TaskDescription:
     period: int
 
     def __post_init__(self) -> None:
+        for name, kind in _kinds().items():
+            value = getattr(self, name)
+            if not _fits(value, kind):
+                raise ContractError(f"{name} {value!r}", _accepted(kind))
+        check_names(self.joint_names, "the task description")
         n, m = len(self.joint_names), len(self.axes)
         sizes = {"joint_lower": n, "joint_upper": n, "workspace_lower": m, "workspace_upper": m}
         for name, size in sizes.items():
             if len(getattr(self, name)) != size:
                 raise ContractError(f"{name} has {len(getattr(self, name))} values", str(size))
-        if self.observation not in get_args(Observation):
-            raise ContractError(f"observation '{self.observation}'", ", ".join(get_args(Observation)))
-        if self.reward not in get_args(Reward):
-            raise ContractError(f"reward '{self.reward}'", ", ".join(get_args(Reward)))
+        for what in ("joint", "workspace"):
+            lower, upper = getattr(self, f"{what}_lower"), getattr(self, f"{what}_upper")
+            if any(least > most for least, most in zip(lower, upper, strict=True)):
+                raise ContractError(f"{what}_lower {list(lower)}", f"at most {what}_upper {list(upper)}")
+        if not self.axes or len(set(self.axes)) != m or not set(self.axes) <= {0, 1, 2}:
+            raise ContractError(f"axes are {list(self.axes)}", "distinct ones of 0, 1, 2")
         for name in ("max_delta", "tolerance", "period"):
             if getattr(self, name) <= 0:
                 raise ContractError(f"{name} is {getattr(self, name)}", "more than 0")
+        for name in ("targets_per_episode", "max_steps"):
+            if getattr(self, name) < 0:
+                raise ContractError(f"{name} is {getattr(self, name)}", "0 or more")
 
     @property
     def action_size(self) -> int:
@@ -117,14 +130,11 @@ class TaskDescription:
         names = [each.name for each in fields(TaskDescription)]
         try:
             values: dict[str, Any] = json.loads(text)
-        except ValueError:
+        except (ValueError, RecursionError):
             raise ContractError("the task description is no JSON", "an object with " + ", ".join(names)) from None
         if not isinstance(values, dict) or set(values) != set(names):
             raise ContractError("the task description has other fields", ", ".join(names))
-        try:
-            return TaskDescription(**{key: _tuple(value) for key, value in values.items()})
-        except TypeError as error:
-            raise ContractError(f"the task description holds a wrong kind of value ({error})") from None
+        return TaskDescription(**{key: _tuple(value) for key, value in values.items()})
 
     def require_same_robot(self, other: "TaskDescription", whose: str) -> None:
         """Refuse another robot's description.
@@ -136,6 +146,29 @@ class TaskDescription:
             mine, theirs = getattr(self, name), getattr(other, name)
             if mine != theirs:
                 raise ContractError(f"{whose} is for {name} {_plain(theirs)}", _plain(mine))
+
+
+@cache
+def _kinds() -> dict[str, Any]:
+    return get_type_hints(TaskDescription)
+
+
+def _fits(value: Any, kind: Any) -> bool:
+    if get_origin(kind) is tuple:
+        return isinstance(value, tuple) and all(_fits(each, get_args(kind)[0]) for each in value)
+    if get_origin(kind) is Literal:
+        return value in get_args(kind)
+    if isinstance(value, bool):
+        return False
+    return isinstance(value, int | float) and math.isfinite(value) if kind is float else isinstance(value, kind)
+
+
+def _accepted(kind: Any) -> str:
+    if get_origin(kind) is tuple:
+        return f"a list, each {_accepted(get_args(kind)[0])}"
+    if get_origin(kind) is Literal:
+        return ", ".join(get_args(kind))
+    return {float: "a finite number", int: "a whole number", str: "a text"}[kind]
 
 
 def _tuple(value: Any) -> Any:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from rled_msgs_py.bags.error import BagError, Damage, remedy
 from rled_msgs_py.bags.mcap_survey import HEAD, MAGIC, Chunk, Survey, unpack, walk
+from rled_msgs_py.bags.metadata import custom_of
 from rled_msgs_py.bags.storage import BagTopic, Messages
 
 RUN_BYTES = 4 << 20
@@ -98,11 +99,7 @@ class McapFile:
             self.topics: Mapping[int, BagTopic] = {each: topic_of(self._survey, each) for each in self._survey.channels}
             for channel in self.counts:
                 topic_of(self._survey, channel)
-
-    @property
-    def custom(self) -> Mapping[str, str]:
-        """Metadata that the recorder's user gave."""
-        return self._survey.custom
+            self.custom: Mapping[str, str] = custom_of(self._survey.information)
 
     def messages(self, channels: Collection[int]) -> Iterator[Messages]:
         """Messages of some channels, in runs.

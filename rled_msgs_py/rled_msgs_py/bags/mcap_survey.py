@@ -5,11 +5,12 @@ chunks, which are runs of records compressed as one; an index of its messages fo
 data and carries its checksum; the summary that follows repeats the definitions and counts the messages.
 """
 
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from io import BytesIO
 from mmap import mmap
 from struct import Struct
-from struct import error as StructError
 from typing import Any, NamedTuple
 from zlib import crc32
 
@@ -20,12 +21,15 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, DataEnd, Footer, Metadata, Schema, Statistics
 
 from rled_msgs_py.bags.error import Damage
-from rled_msgs_py.bags.metadata import custom_data
 
 MAGIC = b"\x89MCAP0\r\n"
 HEAD = Struct("<BQ")
-CHUNK_HEAD = Struct("<QQQI")
+CHUNK_HEAD = Struct("<QQQII")
+INDEX_HEAD = Struct("<HI")
+PAIR_BYTES = 16
+LENGTH = Struct("<Q")
 LARGEST_CHUNK = 1 << 31
+_THREAD = threading.local()
 METADATA = "rosbag2"
 """Name of the metadata record in which rosbag2 repeats its ``metadata.yaml``."""
 
@@ -79,15 +83,14 @@ def unpack(data: mmap | bytes, chunk: Chunk) -> bytes:
     Raises:
         Damage: they cannot be unpacked, or their checksum differs.
     """
-    packed, where = data[chunk.start : chunk.stop], f"the chunk at byte {chunk.start}"
     if chunk.size > LARGEST_CHUNK:
-        raise Damage(f"{where} claims {chunk.size} bytes")
+        raise Damage(f"the chunk at byte {chunk.start} claims {chunk.size} bytes")
     try:
-        records = _inflate(packed, chunk)
+        records = _inflate(data[chunk.start : chunk.stop], chunk)
     except (zstandard.ZstdError, RuntimeError, MemoryError) as error:
-        raise Damage(f"{where} cannot be unpacked ({error})") from None
+        raise Damage(f"the chunk at byte {chunk.start} cannot be unpacked ({error})") from None
     if len(records) != chunk.size or (chunk.crc and crc32(records) != chunk.crc):
-        raise Damage(f"{where} fails its checksum")
+        raise Damage(f"the chunk at byte {chunk.start} fails its checksum")
     return records
 
 
@@ -95,7 +98,7 @@ def _inflate(packed: bytes, chunk: Chunk) -> bytes:
     if chunk.compression == "zstd":
         if zstandard.frame_content_size(packed) not in (-1, chunk.size):
             raise Damage(f"the chunk at byte {chunk.start} fails its checksum")
-        return zstandard.ZstdDecompressor().decompress(packed, max_output_size=chunk.size)
+        return _zstd().decompress(packed, max_output_size=chunk.size)
     if chunk.compression == "lz4":
         unpacked: bytes = lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=chunk.size)
         return unpacked
@@ -104,14 +107,22 @@ def _inflate(packed: bytes, chunk: Chunk) -> bytes:
     return packed
 
 
+def _zstd() -> zstandard.ZstdDecompressor:
+    # making one costs more than unpacking a small chunk, and one serves one thread
+    if not hasattr(_THREAD, "zstd"):
+        _THREAD.zstd = zstandard.ZstdDecompressor()
+    made: zstandard.ZstdDecompressor = _THREAD.zstd
+    return made
+
+
 class Survey:
     """What a file holds, up to its footer or to the first record that is not whole.
 
     Attributes:
-        chunks: in the order of the file; loose messages count as one more chunk without an index.
+        chunks: in the order of the file; loose messages count as one more chunk without indexes.
         schemas: message definitions by number.
         channels: channels by number.
-        custom: the user's metadata.
+        information: YAML text of the bag's metadata, as rosbag2 repeats it in the file.
         statistics: counts of the summary, when there is one.
         footer: the last record, when the file has it.
         data_end: where the data ends.
@@ -124,7 +135,7 @@ class Survey:
         self.chunks: list[Chunk] = []
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, Channel] = {}
-        self.custom: dict[str, str] = {}
+        self.information = ""
         self.statistics: Statistics | None = None
         self.footer: Footer | None = None
         self.data_end: int | None = None
@@ -133,36 +144,10 @@ class Survey:
         self.damage: list[Damage] = []
         self._data = data
         self._loose = False
-        for opcode, start, stop in walk(data, len(MAGIC), len(data)):
-            try:
-                self._visit(opcode, start, stop)
-            except Damage as damage:
-                self.damage.append(damage)
-            self.end = stop
-            if opcode == Opcode.FOOTER:
-                break
+        self._visit_all()
         if self._loose:
             data_end = self.end if self.data_end is None else self.data_end
             self.chunks.append(Chunk("", data_end - len(MAGIC), 0, len(MAGIC), data_end, {}))
-
-    def _visit(self, opcode: int, start: int, stop: int) -> None:
-        if opcode == Opcode.MESSAGE_INDEX:
-            self._message_index(start, stop)
-        elif opcode == Opcode.CHUNK:
-            self.chunks.append(self._chunk(start, stop))
-        elif opcode == Opcode.MESSAGE:
-            self._loose = True
-        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-            self.define(opcode, self._data, start, stop)
-        elif opcode == Opcode.METADATA:
-            self._metadata(parse(Metadata, self._data, start, stop))
-        elif opcode == Opcode.DATA_END:
-            self.data_end = start - HEAD.size
-            self.data_crc = parse(DataEnd, self._data, start, stop).data_section_crc
-        elif opcode == Opcode.STATISTICS:
-            self.statistics = parse(Statistics, self._data, start, stop)
-        elif opcode == Opcode.FOOTER:
-            self.footer = parse(Footer, self._data, start, stop)
 
     def define(self, opcode: int, data: mmap | bytes, start: int, stop: int) -> None:
         """Take up a schema or a channel.
@@ -175,25 +160,59 @@ class Survey:
         if known.setdefault(record.id, record) != record:
             raise Damage(f"{kind.__name__.lower()} {record.id} is defined twice, differently")
 
-    def _chunk(self, start: int, stop: int) -> Chunk:
-        try:
-            _, _, size, crc = CHUNK_HEAD.unpack_from(self._data[start:stop])
-            name_start = start + CHUNK_HEAD.size + 4
-            name_stop = name_start + int.from_bytes(self._data[name_start - 4 : name_start], "little")
-            compression = self._data[name_start:name_stop].decode()
-        except (StructError, UnicodeDecodeError):
-            raise Damage(f"the chunk at byte {start} has no header") from None
-        packed = name_stop + 8
-        if int.from_bytes(self._data[name_stop:packed], "little") != stop - packed:
+    def _visit_all(self) -> None:
+        visitors: Mapping[int, Callable[[int, int], None]] = {
+            Opcode.MESSAGE_INDEX: self._message_index,
+            Opcode.CHUNK: self._chunk,
+            Opcode.MESSAGE: self._message,
+            Opcode.SCHEMA: partial(self.define, Opcode.SCHEMA, self._data),
+            Opcode.CHANNEL: partial(self.define, Opcode.CHANNEL, self._data),
+            Opcode.METADATA: self._metadata,
+            Opcode.DATA_END: self._data_end,
+            Opcode.STATISTICS: self._statistics,
+            Opcode.FOOTER: self._footer,
+        }
+        for opcode, start, stop in walk(self._data, len(MAGIC), len(self._data)):
+            try:
+                if opcode in visitors:
+                    visitors[opcode](start, stop)
+            except Damage as damage:
+                self.damage.append(damage)
+            self.end = stop
+            if opcode == Opcode.FOOTER:
+                return
+
+    def _chunk(self, start: int, stop: int) -> None:
+        if stop - start < CHUNK_HEAD.size + 8:
+            raise Damage(f"the chunk at byte {start} has no head")
+        _, _, size, crc, length = CHUNK_HEAD.unpack_from(self._data, start)
+        name = start + CHUNK_HEAD.size
+        packed = name + length + 8
+        if packed > stop or LENGTH.unpack_from(self._data, packed - 8)[0] != stop - packed:
             raise Damage(f"the chunk at byte {start} does not fill its record")
-        return Chunk(compression, size, crc, packed, stop, {})
+        compression = self._data[name : name + length].decode(errors="replace")
+        self.chunks.append(Chunk(compression, size, crc, packed, stop, {}))
 
     def _message_index(self, start: int, stop: int) -> None:
-        channel = int.from_bytes(self._data[start : start + 2], "little")
-        if not self.chunks or (stop - start - 6) % 16:
+        if not self.chunks or (stop - start) % PAIR_BYTES != INDEX_HEAD.size:
             raise Damage(f"the message index at byte {start} fits no chunk")
-        self.chunks[-1].indexes[channel] = (start + 6, stop)
+        channel, _ = INDEX_HEAD.unpack_from(self._data, start)
+        self.chunks[-1].indexes[channel] = (start + INDEX_HEAD.size, stop)
 
-    def _metadata(self, record: Metadata) -> None:
+    def _message(self, *_: int) -> None:
+        self._loose = True
+
+    def _metadata(self, start: int, stop: int) -> None:
+        record = parse(Metadata, self._data, start, stop)
         if record.name == METADATA:
-            self.custom = custom_data(record.metadata.get("serialized_metadata", ""))
+            self.information = record.metadata.get("serialized_metadata", "")
+
+    def _data_end(self, start: int, stop: int) -> None:
+        self.data_end = start - HEAD.size
+        self.data_crc = parse(DataEnd, self._data, start, stop).data_section_crc
+
+    def _statistics(self, start: int, stop: int) -> None:
+        self.statistics = parse(Statistics, self._data, start, stop)
+
+    def _footer(self, start: int, stop: int) -> None:
+        self.footer = parse(Footer, self._data, start, stop)

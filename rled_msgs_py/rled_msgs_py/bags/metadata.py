@@ -16,6 +16,9 @@ ROOT = "rosbag2_bagfile_information"
 NO_TIME = 2**63 - 1
 """Starting time of a bag without messages."""
 
+LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+DUMPER = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
+
 FOREVER = {"sec": 9223372036, "nsec": 854775807}
 
 
@@ -104,31 +107,35 @@ def read_metadata(folder: Path) -> Contents:
     """
     path = folder / FILE_NAME
     try:
-        found = yaml.safe_load(path.read_text(encoding="utf-8"))[ROOT]
+        found = yaml.load(path.read_text(encoding="utf-8"), LOADER)[ROOT]
         _require(folder, "storage_identifier", found["storage_identifier"], "mcap")
         _require(folder, "compression_mode", found.get("compression_mode", ""), "", "none", "storage")
         # old versions wrote paths from the folder above
         files = [Path(name).name for name in found["relative_file_paths"]]
-        return Contents(files, int(found["message_count"]), custom_data(_dump(found)))
+        return Contents(files, int(found["message_count"]), _custom(found))
     except FileNotFoundError:
         what = f"{folder} has no {FILE_NAME}, so its recorder has not ended in order"
         raise BagError(what, "a finished bag", remedy(folder)) from None
     except OSError as error:
         raise BagError(f"{path} cannot be read: {error.strerror}") from None
-    except (yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError, ValueError, AttributeError, Damage):
+    except (yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError, ValueError, AttributeError):
         raise BagError(f"{path} is damaged", "metadata of a rosbag2 recording", remedy(folder)) from None
 
 
-def custom_data(text: str) -> dict[str, str]:
-    """The user's metadata in rosbag2's YAML.
+def custom_of(text: str) -> dict[str, str]:
+    """The user's metadata in the text that an MCAP file keeps.
 
     Raises:
-        Damage: the text is no YAML, or the metadata are no pairs of texts.
+        Damage: it is no such text.
     """
     try:
-        return {str(key): str(value) for key, value in ((yaml.safe_load(text) or {}).get("custom_data") or {}).items()}
+        return _custom(yaml.load(text, LOADER) or {})
     except (yaml.YAMLError, AttributeError):
-        raise Damage("its metadata are no YAML") from None
+        raise Damage("its metadata record is no YAML") from None
+
+
+def _custom(found: Mapping[str, Any]) -> dict[str, str]:
+    return {str(key): str(value) for key, value in (found.get("custom_data") or {}).items()}
 
 
 def _require(folder: Path, name: str, value: str, *accepted: str) -> None:
@@ -150,7 +157,7 @@ def _topic(topic: BagTopic, count: int) -> dict[str, Any]:
             "name": topic.name,
             "type": topic.type,
             "serialization_format": topic.encoding,
-            "offered_qos_profiles": yaml.safe_load(topic.qos) or [],
+            "offered_qos_profiles": yaml.load(topic.qos, LOADER) or [],
             "type_description_hash": topic.hash,
         },
         "message_count": count,
@@ -158,4 +165,4 @@ def _topic(topic: BagTopic, count: int) -> dict[str, Any]:
 
 
 def _dump(content: Any) -> str:
-    return str(yaml.safe_dump(content, sort_keys=False, width=2**31))
+    return str(yaml.dump(content, Dumper=DUMPER, sort_keys=False, width=1 << 20))

@@ -3,7 +3,7 @@
 import fcntl
 import shutil
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from mmap import mmap
 from pathlib import Path
 from struct import Struct
@@ -16,7 +16,7 @@ from rled_msgs_py.bags.folder import mcap_files, open_files
 from rled_msgs_py.bags.mcap_file import McapFile, map_file, topic_of
 from rled_msgs_py.bags.mcap_survey import Survey, unpack, walk
 from rled_msgs_py.bags.mcap_writer import McapWriter
-from rled_msgs_py.bags.metadata import NO_TIME, FileSummary, write_metadata
+from rled_msgs_py.bags.metadata import NO_TIME, FileSummary, custom_of, write_metadata
 from rled_msgs_py.bags.storage import BagTopic, Storage
 
 ROOM = ".repair"
@@ -67,7 +67,7 @@ def repair(path: Path) -> Repaired:
     lost = list[str]()
     summaries = [_repair_file(file, lost) for file in files]
     if path.is_dir():
-        _write_metadata(path, summaries, Survey(map_file(files[-1])).custom)
+        _write_metadata(path, summaries, McapFile(files[-1]).custom)
     return Repaired(sum(sum(summary.counts.values()) for summary in summaries), lost)
 
 
@@ -131,7 +131,7 @@ def _save(data: mmap, successor: Path, lost: list[str]) -> FileSummary:
     lost += map(str, survey.damage)
     if survey.footer is None and survey.end < len(data):
         lost.append(f"the last {len(data) - survey.end} bytes, in which a record breaks off")
-    writer = McapWriter(successor, survey.custom)
+    writer = McapWriter(successor, _custom(survey, lost))
     channels = dict[BagTopic, int]()
     for topic, log_time, publish_time, message in _whole_messages(survey, data, lost):
         if topic not in channels:
@@ -139,6 +139,14 @@ def _save(data: mmap, successor: Path, lost: list[str]) -> FileSummary:
         writer.add_message(channels[topic], log_time, publish_time, message)
     writer.close()
     return writer.summary()
+
+
+def _custom(survey: Survey, lost: list[str]) -> dict[str, str]:
+    try:
+        return custom_of(survey.information)
+    except Damage as damage:
+        lost.append(str(damage))
+        return {}
 
 
 def _whole_messages(survey: Survey, data: mmap, lost: list[str]) -> Iterator[_Message]:
@@ -156,7 +164,7 @@ def _whole_messages(survey: Survey, data: mmap, lost: list[str]) -> Iterator[_Me
             lost.append(str(damage))
 
 
-def _write_metadata(folder: Path, summaries: Sequence[FileSummary], custom: dict[str, str]) -> None:
+def _write_metadata(folder: Path, summaries: Sequence[FileSummary], custom: Mapping[str, str]) -> None:
     try:
         write_metadata(folder, summaries, custom)
     except OSError as error:
