@@ -4,7 +4,7 @@ import argparse
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, NoReturn, TypeVar
 
 from rled_msgs_py.errors import ContractError
 
@@ -67,6 +67,13 @@ def build(params: type[P], values: dict[str, Any]) -> P:
     return params(**values)
 
 
+class _Parser(argparse.ArgumentParser):
+    """A parser whose complaints are one line."""
+
+    def error(self, message: str) -> NoReturn:
+        raise ContractError(message, "", f"see {self.prog} --help")
+
+
 def parse_command_line(
     params: type[Any], program: str, summary: str, argv: Sequence[str]
 ) -> tuple[dict[str, Any], list[str]]:
@@ -74,9 +81,12 @@ def parse_command_line(
 
     Returns:
         The parameters given, by name, and ``--ros-args ...`` untouched.
+
+    Raises:
+        ContractError: an unknown option, or a value that is not accepted.
     """
     split = argv.index("--ros-args") if "--ros-args" in argv else len(argv)
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog=program,
         description=summary,
         epilog="Each option is a ROS parameter too: --ros-args -p name:=value, or a YAML file with --params-file.",
@@ -89,9 +99,8 @@ def parse_command_line(
         if isinstance(each.default, bool):
             parser.add_argument(flag, dest=each.name, action=argparse.BooleanOptionalAction, help=text)
         else:
-            parser.add_argument(
-                flag, dest=each.name, type=type(each.default), choices=each.spec.choices or None, help=text
-            )
+            metavar = "{" + ",".join(each.spec.choices) + "}" if each.spec.choices else None
+            parser.add_argument(flag, dest=each.name, type=type(each.default), metavar=metavar, help=text)
     given = vars(parser.parse_args(list(argv[:split])))
     for each in parameters_of(params):
         if each.name in given:

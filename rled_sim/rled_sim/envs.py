@@ -1,7 +1,7 @@
 """Gymnasium environments: a thin view of the simulation."""
 
 import time
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
@@ -24,7 +24,7 @@ class ReachEnv(gymnasium.Env[Floats, Floats]):
     has ``targets_reached``, ``violations`` and ``risky``, and with motors ``contacts``, the pairs that touch.
     """
 
-    metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 50}  # noqa: RUF012
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["human", "rgb_array"], "render_fps": 50}
 
     def __init__(
         self,
@@ -63,7 +63,6 @@ class ReachEnv(gymnasium.Env[Floats, Floats]):
         self._period = self.task.period * 1e-9
         world = World(chosen, transition, self._period, gui)
         self._simulation = Simulation(world, task, start_joints)
-        self._reports_contacts = transition == "motors"
         self._axes, self._relative = self.task.axes, self.task.observation == "displacement_and_joints"
         lower, upper = self.task.observation_bounds()
         self.observation_space = gymnasium.spaces.Box(lower.astype(np.float32), upper.astype(np.float32))
@@ -84,7 +83,7 @@ class ReachEnv(gymnasium.Env[Floats, Floats]):
             self._show()
         return self._observation(), reward, terminated, truncated, self._info()
 
-    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+    def render(self) -> NDArray[np.uint8] | None:
         """A picture, shape (480, 640, 3); nothing in the mode ``human``, whose window is always up to date."""
         if self.render_mode != "rgb_array":
             return None
@@ -110,7 +109,7 @@ class ReachEnv(gymnasium.Env[Floats, Floats]):
             "violations": episode.violations,
             "risky": episode.risky,
         }
-        if self._reports_contacts:
+        if self._simulation.world.physical:
             info["contacts"] = self._simulation.world.contacts()
         return info
 

@@ -63,7 +63,8 @@ def rotation_about(axis: NDArray[np.float64], angle: float) -> NDArray[np.float6
     """Rotation matrix by ``angle`` (rad) about a unit vector (Rodrigues), shape (3, 3)."""
     x, y, z = axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross
+    rotation: NDArray[np.float64] = np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross
+    return rotation
 
 
 def _joints_by_child(text: str) -> dict[str, Joint]:

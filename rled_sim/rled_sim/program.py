@@ -128,19 +128,30 @@ class Tape:
         return Register(len(self._code) - 1)
 
     def program(self, results: Sequence[Value]) -> Program:
-        """Pack the registers: one whose last reader has run is used again."""
-        last = {each: len(self._code) for each in results if isinstance(each, Register)}
-        for number, instruction in reversed(list(enumerate(self._code))):
-            for operand in instruction.operands:
-                if isinstance(operand, Register):
-                    last.setdefault(operand, number)
-        packed, free, place, size = [], [], {}, 0
+        """Pack the registers: one that nobody reads any more is used again."""
+        last = self._last_readers(results)
+        place: dict[Register, Register] = {}
+        code: list[Instruction] = []
+        free: list[int] = []
+        size = 0
         for number, (ufunc, operands, out) in enumerate(self._code):
-            moved = tuple(place[each] if isinstance(each, Register) else each for each in operands)
-            free += [place[each].index for each in set(operands) if isinstance(each, Register) and last[each] == number]
+            read = [each for each in operands if isinstance(each, Register)]
+            free += [place[each].index for each in dict.fromkeys(read) if last[each] == number]
             if not free:
                 free.append(size)
                 size += 1
             place[Register(out)] = Register(free.pop())
-            packed.append(Instruction(ufunc, moved, place[Register(out)].index))
-        return Program(tuple(packed), size, tuple(place[r] if isinstance(r, Register) else r for r in results))
+            moved = (place[each] if isinstance(each, Register) else each for each in operands)
+            code.append(Instruction(ufunc, tuple(moved), place[Register(out)].index))
+        packed = (place[each] if isinstance(each, Register) else each for each in results)
+        return Program(tuple(code), size, tuple(packed))
+
+    def _last_readers(self, results: Sequence[Value]) -> dict[Register, int]:
+        """The number of the instruction after which each register's value is no longer needed."""
+        last = {
+            operand: number
+            for number, instruction in enumerate(self._code)
+            for operand in instruction.operands
+            if isinstance(operand, Register)
+        }
+        return last | {each: len(self._code) for each in results if isinstance(each, Register)}

@@ -41,4 +41,5 @@ def marked_joints(bag: Path, task: TaskDescription) -> NDArray[np.float64]:
     table = demonstration.joints(MARKED_JOINT_STATES)
     if not len(table.position):
         raise RledError(f"bag {bag} has no marked points", "a bag recorded with them", "record one with record_demos")
-    return table.position[:, order_by_name(table.names, task.joint_names, f"bag {bag}")]
+    joints: NDArray[np.float64] = table.position[:, order_by_name(table.names, task.joint_names, f"bag {bag}")]
+    return joints

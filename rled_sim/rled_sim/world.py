@@ -7,12 +7,15 @@ from collections.abc import Sequence
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-import pybullet
 from numpy.typing import NDArray
 from pybullet_data import getDataPath
 from rled_msgs_py.errors import RledError
 
+from rled_sim.quiet import quiet
 from rled_sim.robots import Robot
+
+with quiet():  # it prints when it was built, which would stand beside a command's one line
+    import pybullet
 
 Transition = Literal["kinematic", "motors"]
 Point = tuple[float, float, float]
@@ -153,6 +156,11 @@ class World:
         state = pybullet.getLinkState(self._body, self._tip, 0, 1, self._client)
         self.position: Point = state[4]
         self.orientation: tuple[float, float, float, float] = state[5]
+
+    @property
+    def physical(self) -> bool:
+        """The robot is moved by physics."""
+        return not self._kinematic
 
     @property
     def velocity(self) -> list[float]:

@@ -1,0 +1,177 @@
+"""Node: the simulated robot and its task, in lockstep or in real time."""
+
+import time
+from typing import Any
+
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.time import Time
+from rled_msgs_py.convert import to_msg
+from rled_msgs_py.errors import ContractError, RledError
+from rled_msgs_py.node import advertise, declare, run_node, subscribe
+from rled_msgs_py.records import DeltaCommand, Record, Text
+from rled_msgs_py.tick import STATE_TOPICS, Tick
+from rled_msgs_py.topics import (
+    CLOCK_TOPIC,
+    DIAGNOSTICS,
+    JOINT_DELTA,
+    JOINT_STATES,
+    MARKERS,
+    ROBOT_DESCRIPTION,
+    TASK_DESCRIPTION,
+)
+from rosgraph_msgs.msg import Clock as ClockMessage
+from std_srvs.srv import SetBool, Trigger
+
+from rled_sim.commands import Code, Refused
+from rled_sim.driver import Driver
+from rled_sim.markers import View
+from rled_sim.report import Report
+from rled_sim.robots import robot_named
+from rled_sim.sim_params import SimParams, simulation_of
+
+
+class SimNode(Node):
+    """A robot to be driven over ``joint_delta``.
+
+    Publishes: joint_states, ee_pose, target_pose, task_status and /clock at each tick; robot_description and
+    task_description once; markers and /diagnostics by the wall clock. Services: ~/reset (Trigger), ~/pause and ~/estop
+    (SetBool).
+    """
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__("sim", **options)
+        params = declare(self, SimParams, self._on_change)
+        _require_alone(self, params.discovery_wait)
+        self._simulation = simulation_of(params)
+        self._driver = Driver(self._simulation, params.rules(), params.seed, self._publish)
+        self._seed: int | None = None  # set since the last reset, be it to the same value
+        self.add_post_set_parameters_callback(self._on_set)
+        self._report, self._view = Report(), View(self._simulation.task.targets.tolist())
+        self._outputs = [advertise(self, topic) for topic in STATE_TOPICS]
+        self._clock_output, self._marker_output = advertise(self, CLOCK_TOPIC), advertise(self, MARKERS)
+        self._health_output = advertise(self, DIAGNOSTICS)
+        self._descriptions = self._describe(params)
+        self._serve()
+        self._start_timers(params)
+        self._driver.begin()
+        subscribe(self, JOINT_DELTA, self._on_delta, self._on_unreadable)
+
+    def _describe(self, params: SimParams) -> list[Any]:
+        texts = {
+            ROBOT_DESCRIPTION: robot_named(params.robot).description,
+            TASK_DESCRIPTION: self._simulation.task.description.to_json(),
+        }
+        outputs = {topic: advertise(self, topic) for topic in texts}
+        for topic, text in texts.items():
+            outputs[topic].publish(to_msg(Text(text)))
+        return list(outputs.values())
+
+    def _serve(self) -> None:
+        self.create_service(Trigger, "~/reset", self._on_reset)
+        self.create_service(SetBool, "~/pause", self._on_pause)
+        self.create_service(SetBool, "~/estop", self._on_estop)
+
+    def _start_timers(self, params: SimParams) -> None:
+        steady = Clock(clock_type=ClockType.STEADY_TIME)  # its own simulation time would wait for itself
+        self.create_timer(1.0, self._report_health, clock=steady)
+        if params.marker_rate > 0.0:
+            self.create_timer(1.0 / params.marker_rate, self._draw, clock=steady)
+        if params.mode == "real_time":
+            self.create_timer(params.period, self._driver.timer, clock=steady)
+
+    def _publish(self, tick: Tick) -> None:
+        self._clock_output.publish(ClockMessage(clock=Time(nanoseconds=tick.stamp).to_msg()))
+        records: tuple[Record, ...] = tick
+        for output, record in zip(self._outputs, records, strict=True):
+            output.publish(to_msg(record))
+        self._view.add(tick)
+        self._report.tick(self._simulation.world.contacts() if self._simulation.world.physical else ())
+
+    def _on_delta(self, command: DeltaCommand) -> None:
+        try:
+            self._driver.command(command)
+        except Refused as error:
+            self._refuse(error)
+        else:
+            self._report.accepted()
+
+    def _on_unreadable(self, error: ContractError) -> None:
+        self._refuse(Refused(Code.UNREADABLE, str(error)))
+
+    def _refuse(self, error: Refused) -> None:
+        self._report.refused(error)
+        self.get_logger().warning(f"joint_delta refused: {error}", throttle_duration_sec=1.0)
+
+    def _on_change(self, params: SimParams) -> None:
+        self._driver.rules = params.rules()
+
+    def _on_set(self, parameters: list[Parameter]) -> None:
+        for each in parameters:
+            if each.name == "seed":
+                self._seed = each.value
+
+    def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        try:
+            self._driver.reset(self._seed)
+        except RledError as error:
+            response.message = str(error)
+            return response
+        self._seed = None
+        response.success = True
+        response.message = f"episode {self._driver.number} begins at {self._driver.stamp} ns"
+        return response
+
+    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        self._driver.pause(request.data)
+        response.success, response.message = True, "paused" if request.data else "running"
+        return response
+
+    def _on_estop(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        self._driver.stop(request.data)
+        response.success, response.message = True, "stopped until released" if request.data else "released"
+        return response
+
+    def _report_health(self) -> None:
+        now = self.get_clock().now().nanoseconds
+        self._health_output.publish(to_msg(self._report.health(now, self._driver, _simulations(self))))
+
+    def _draw(self) -> None:
+        if self._marker_output.get_subscription_count():
+            self._marker_output.publish(self._view.message())
+
+    def destroy_node(self) -> None:
+        """Close the world with the node."""
+        super().destroy_node()
+        if hasattr(self, "_simulation"):
+            self._simulation.world.close()
+
+
+def _simulations(node: Node) -> int:
+    return int(node.count_publishers(JOINT_STATES.name))
+
+
+def _require_alone(node: Node, patience: float) -> None:
+    """Look for another simulation for ``patience`` seconds.
+
+    Raises:
+        RledError: there is one.
+    """
+    deadline = time.monotonic() + patience
+    while node.context.ok():
+        if _simulations(node):
+            what = f"{node.resolve_topic_name(JOINT_STATES.name)} has a publisher already"
+            raise RledError(what, "one simulation in a graph", "end it, or choose another ROS_DOMAIN_ID or namespace")
+        if time.monotonic() > deadline:
+            return
+        time.sleep(0.02)
+
+
+def main() -> None:
+    """Run the node."""
+    run_node(SimNode, SimParams, "sim_node", "Simulate a robot and its task.")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,41 @@
+"""What each module may load, seen in a fresh interpreter."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import rled_sim
+
+PACKAGE = Path(rled_sim.__file__).parent
+LOADED = "import sys; import {}; print(*(m for m in ('pybullet', 'rclpy', 'torch') if m in sys.modules))"
+
+
+def imports(path):
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            yield from (alias.name.split(".")[0] for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            yield node.module.split(".")[0]
+
+
+@pytest.mark.parametrize("module", ["rled_sim", "rled_sim.kinematics", "rled_sim.robots", "rled_sim.tasks"])
+def test_module_loads_neither_pybullet_nor_ros(module):
+    command = [sys.executable, "-c", LOADED.format(module)]
+    assert subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip() == ""
+
+
+def test_one_module_imports_pybullet():
+    assert [path.name for path in PACKAGE.glob("*.py") if "pybullet" in imports(path)] == ["world.py"]
+
+
+def test_only_the_node_and_its_markers_import_ros():
+    ros = {"rclpy", "std_srvs", "std_msgs", "geometry_msgs", "visualization_msgs", "rosgraph_msgs", "sensor_msgs"}
+    assert {path.name for path in PACKAGE.glob("*.py") if ros & set(imports(path))} == {"sim_node.py", "markers.py"}
+
+
+def test_importing_the_world_prints_nothing():
+    done = subprocess.run([sys.executable, "-c", "import rled_sim.world"], capture_output=True, text=True, check=True)
+    assert done.stdout + done.stderr == ""

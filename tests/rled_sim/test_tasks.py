@@ -1,0 +1,170 @@
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rled_msgs_py.errors import ContractError
+from rled_sim.kinematics import solve_position
+from rled_sim.robots import ROBOTS
+from rled_sim.tasks import Episode, panda_risk, planar_risk, reach_task, squared_distance
+
+PANDA, PLANAR = ROBOTS["panda"], ROBOTS["planar"]
+HERE = (0.5, 0.0, 0.5)
+
+
+def begun(task, position=HERE, target=HERE, q=(0.0,) * 7):
+    return Episode(task, q, position, target)
+
+
+def away(distance):
+    return (HERE[0], HERE[1], HERE[2] + distance)
+
+
+def test_dense_reward_is_minus_the_squared_distance():
+    # sqrt(0.09 + 0.16) = 0.5, squared 0.25: being far away costs
+    assert squared_distance((0.3, 0.0, 0.4), (0.0, 0.0, 0.0)) == pytest.approx(0.25)
+    episode = begun(reach_task(PANDA), target=away(0.5))
+    assert episode.advance((0.0,) * 7, HERE, np.random.default_rng(0)).reward == pytest.approx(-0.25)
+
+
+def test_dense_reward_of_a_reached_target_adds_u():
+    episode = begun(reach_task(PANDA), target=away(0.01))
+    assert episode.advance((0.0,) * 7, HERE, np.random.default_rng(0)).reward == pytest.approx(1000 - 1e-4)
+
+
+@pytest.mark.parametrize(("distance", "reward"), [(0.5, 0.0), (0.01, 1000.0)])
+def test_sparse_reward_is_u_or_nothing(distance, reward):
+    episode = begun(reach_task(PANDA, reward="sparse"), target=away(distance))
+    assert episode.advance((0.0,) * 7, HERE, np.random.default_rng(0)).reward == reward
+
+
+@pytest.mark.parametrize(("distance", "reached"), [(0.0547, 1), (0.0548, 0)])
+def test_threshold_is_compared_with_the_squared_distance(distance, reached):
+    # sqrt(0.003) is 0.05477
+    episode = begun(reach_task(PANDA), target=away(distance))
+    episode.advance((0.0,) * 7, HERE, np.random.default_rng(0))
+    assert episode.targets_reached == reached
+
+
+def test_exactly_the_threshold_is_not_reached():
+    task = reach_task(PANDA)
+    task = replace(task, description=replace(task.description, tolerance=0.25))
+    episode = begun(task, position=(0.0, 0.0, 0.0), target=(0.5, 0.0, 0.0))
+    episode.advance((0.0,) * 7, (0.0, 0.0, 0.0), np.random.default_rng(0))
+    assert episode.targets_reached == 0
+
+
+def test_reached_target_is_followed_by_another():
+    task, rng = reach_task(PANDA), np.random.default_rng(0)
+    expected = tuple(task.targets[np.random.default_rng(0).integers(1572)])
+    episode = begun(task)
+    episode.advance((0.0,) * 7, HERE, rng)
+    assert episode.target == expected
+
+
+def test_fifteenth_target_terminates():
+    episode, rng = begun(reach_task(PANDA)), np.random.default_rng(0)
+    outcomes = [episode.advance((0.0,) * 7, episode.target, rng) for _ in range(15)]
+    assert [outcome.terminated for outcome in outcomes] == [False] * 14 + [True]
+    assert not any(outcome.truncated for outcome in outcomes)
+    assert episode.over
+
+
+def test_step_999_truncates():
+    episode, rng = begun(reach_task(PANDA), target=away(0.3)), np.random.default_rng(0)
+    outcomes = [episode.advance((0.0,) * 7, HERE, rng) for _ in range(999)]
+    assert [outcome.truncated for outcome in outcomes] == [False] * 998 + [True]
+    assert not any(outcome.terminated for outcome in outcomes)
+
+
+def test_last_target_on_the_last_step_terminates_and_does_not_truncate():
+    episode = begun(reach_task(PANDA, targets_per_episode=1, max_steps=1))
+    assert episode.advance((0.0,) * 7, HERE, np.random.default_rng(0))[1:] == (True, False)
+
+
+def test_target_reached_on_a_truncated_step_is_followed_by_another():
+    # the value of that state is bootstrapped, so it must have a target ahead
+    episode = begun(reach_task(PANDA, max_steps=1))
+    assert episode.advance((0.0,) * 7, HERE, np.random.default_rng(0))[1:] == (False, True)
+    assert episode.target != HERE
+
+
+def test_zero_limits_never_end():
+    episode, rng = begun(reach_task(PANDA, targets_per_episode=0, max_steps=0)), np.random.default_rng(0)
+    assert not any(any(episode.advance((0.0,) * 7, episode.target, rng)[1:]) for _ in range(1100))
+
+
+@pytest.mark.parametrize(("height", "risky"), [(0.051, False), (0.049, True), (-0.1, True)])
+def test_panda_risk_is_a_tool_near_the_floor(height, risky):
+    assert panda_risk((0.0,) * 7, (0.5, 0.0, height)) is risky
+
+
+@pytest.mark.parametrize(
+    ("shoulder", "radius", "risky"),
+    [
+        (0.0, 0.41, False),
+        (0.0, 0.39, True),
+        (0.0, 0.94, False),
+        (0.0, 0.96, True),
+        (1.99, 0.6, False),
+        (2.01, 0.6, True),
+        (-2.01, 0.6, True),
+    ],
+)
+def test_planar_risks_by_hand(shoulder, radius, risky):
+    assert planar_risk((shoulder, 1.0), (0.0, radius, 0.1)) is risky
+
+
+def test_planar_risk_costs_one_and_is_counted():
+    rng, q = np.random.default_rng(0), (0.0, 0.0)
+    episode = begun(reach_task(PLANAR), position=(1.0, 0.0, 0.1), target=(0.6, 0.0, 0.1), q=q)
+    assert (episode.risky, episode.violations) == (True, 1)
+    assert episode.advance(q, (1.0, 0.0, 0.1), rng).reward == pytest.approx(-0.16 - 1.0)
+    assert (episode.risky, episode.violations) == (True, 2)
+    assert episode.advance(q, (0.9, 0.0, 0.1), rng).reward == pytest.approx(-0.09)
+    assert (episode.risky, episode.violations) == (False, 2)
+
+
+def test_planar_target_is_worth_ten():
+    episode = begun(reach_task(PLANAR), position=(0.6, 0.0, 0.1), target=(0.62, 0.0, 0.1), q=(0.0, 0.0))
+    outcome = episode.advance((0.0, 0.0), (0.6, 0.0, 0.1), np.random.default_rng(0))
+    assert outcome.reward == pytest.approx(10 - 4e-4)
+    assert outcome.terminated
+
+
+@given(st.integers(0, 399), st.integers(0, 399))
+def test_demonstrated_straight_line_between_planar_targets_never_violates(i, j):
+    targets = reach_task(PLANAR).targets
+    limits = (np.add(PLANAR.lower, 1e-9), np.subtract(PLANAR.upper, 1e-9))
+    q, goal = (solve_position(PLANAR.chain, targets[k], PLANAR.home, *limits) for k in (i, j))
+    for _ in range(200):
+        assert not planar_risk(q, tuple(PLANAR.chain.position(q)))
+        furthest = np.abs(goal - q).max()
+        if furthest == 0.0:
+            break
+        q = q + min(furthest, PLANAR.max_delta) * (goal - q) / furthest
+    assert np.abs(goal - q).max() < 1e-12
+
+
+def test_home_and_every_target_are_safe():
+    for robot, risk in ((PANDA, panda_risk), (PLANAR, planar_risk)):
+        assert not risk(robot.home, tuple(robot.chain.position(robot.home)))
+    for x, y, _ in reach_task(PLANAR).targets:
+        assert 0.40 < math.hypot(x, y) < 0.95
+
+
+def test_targets_are_drawn_evenly():
+    task, rng = reach_task(PLANAR), np.random.default_rng(3)
+    drawn = [task.draw_target(rng) for _ in range(40_000)]
+    _, counts = np.unique(np.array(drawn), axis=0, return_counts=True)
+    # the curve passes its double point twice, so 399 places; 100 draws each, one standard deviation 10
+    assert len(counts) >= 399
+    assert np.sort(counts)[:-1].max() < 160
+    assert counts.min() > 50
+
+
+def test_unknown_reward_is_refused():
+    with pytest.raises(ContractError, match="reward 'shaped'; accepted: dense, sparse"):
+        reach_task(PANDA, reward="shaped")
