@@ -1,12 +1,16 @@
 """Who acts while learning: Gaussian noise, biased exploration (Algorithm 2), the Monte-Carlo gate (Eq. 4.40)."""
 
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from rled_msgs_py.records import Actor
 
+from rled_agent.networks import Network
+from rled_agent.policy import Policy
+from rled_agent.scaling import Scaling
 from rled_agent.uncertainty import Measure, MonteCarlo
 
 Action = NDArray[np.float32]
@@ -32,6 +36,25 @@ class Source(Protocol):
     def __call__(self, observation: NDArray[np.float32]) -> Action:
         """Action, shape (n,)."""
         ...
+
+
+def actor_source(network: Network) -> Source:
+    """A network's action without dropout."""
+
+    def act(observation: NDArray[np.float32]) -> Action:
+        action: Action = network.forward(torch.from_numpy(observation)[None])[0, 0].numpy().copy()
+        return action
+
+    return act
+
+
+def policy_source(policy: Policy, scaling: Scaling) -> Source:
+    """A policy's action, for observations and actions normalised by another scaling than its own."""
+
+    def act(observation: NDArray[np.float32]) -> Action:
+        return scaling.normalize_action(policy.act(scaling.denormalize_observation(observation)))
+
+    return act
 
 
 class Behaviour(Protocol):
@@ -124,6 +147,3 @@ class MonteCarloGate:
         if uncertainty[self.measure] >= self.threshold:
             return Choice(self.expert(observation), Actor.EXPERT, uncertainty)
         return Choice(self.noise.added_to(mean), Actor.AGENT, uncertainty)
-
-
-BehaviourName = Literal["biased", "gate"]

@@ -1,4 +1,4 @@
-"""What a run knows of the expert: the cloned policy, ζᵇ, and the scaling that both share."""
+"""What a run knows of the expert: the cloned policy and ζᵇ, in the units that the run's networks see."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -7,11 +7,11 @@ from typing import NamedTuple
 from rled_msgs_py.bags import Bag
 from rled_msgs_py.errors import RledError
 
+from rled_agent.behaviour import Source, policy_source
 from rled_agent.config import TrainConfig
 from rled_agent.demonstrations import joined_points
 from rled_agent.environments import Environment, bounds, task_of
 from rled_agent.expert_rows import ExpertRows
-from rled_agent.networks import Network
 from rled_agent.policy import load_policy
 from rled_agent.scaling import Scaling, scaling_of_bounds
 
@@ -20,12 +20,12 @@ class Expertise(NamedTuple):
     """The expert of a run.
 
     Attributes:
-        network: π̂ᵈ on normalised observations, None without demonstrations.
+        source: π̂ᵈ, None without demonstrations.
         rows: draws demonstrated transitions, None without demonstrations.
         scaling: of observations and actions.
     """
 
-    network: Network | None
+    source: Source | None
     rows: ExpertRows | None
     scaling: Scaling
 
@@ -38,7 +38,7 @@ def no_expertise(env: Environment, config: TrainConfig) -> Expertise:
     """
     if config.behaviour.name == "gate" or config.behaviour.phi > 0 or config.schedule.expert_share > 0:
         raise RledError("these settings need an expert", "--bag and --expert", "or --behaviour.phi 0")
-    return Expertise(None, None, scaling_of_bounds(bounds(env.observation_space), bounds(env.action_space)))
+    return Expertise(None, None, _scaling(env))
 
 
 def read_expertise(env: Environment, bag: Bag, expert: Path, config: TrainConfig) -> Expertise:
@@ -53,5 +53,10 @@ def read_expertise(env: Environment, bag: Bag, expert: Path, config: TrainConfig
     policy = load_policy(expert)
     task.require_same_robot(bag.task, "the bag")
     task.require_same_robot(policy.task, "the expert")
-    rows = ExpertRows(replace(joined_points(bag), task=task), policy.scaling)
-    return Expertise(policy.network, rows, policy.scaling)
+    scaling = _scaling(env)
+    rows = ExpertRows(replace(joined_points(bag), task=task), scaling)
+    return Expertise(policy_source(policy, scaling), rows, scaling)
+
+
+def _scaling(env: Environment) -> Scaling:
+    return scaling_of_bounds(bounds(env.observation_space), bounds(env.action_space))

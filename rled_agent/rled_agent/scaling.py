@@ -29,6 +29,10 @@ class Scaling:
         """Observation as networks see it, shape (..., o)."""
         return ((observation - self.observation_center) / self.observation_scale).astype(np.float32)
 
+    def denormalize_observation(self, observation: NDArray[np.floating]) -> Floats:
+        """Physical observation of one as networks see it, shape (..., o)."""
+        return self.observation_center + self.observation_scale * observation
+
     def normalize_action(self, action: NDArray[np.floating]) -> NDArray[np.float32]:
         """Action in [−1, 1], shape (..., n)."""
         return ((action - self.action_center) / self.action_scale).astype(np.float32)

@@ -8,14 +8,14 @@ import torch
 from numpy.typing import NDArray
 from rled_msgs_py.errors import RledError
 
-from rled_agent.behaviour import Behaviour, BiasedExploration, MonteCarloGate, Noise, Source
-from rled_agent.checkpoint import Checkpoint, CheckpointError
+from rled_agent.behaviour import Behaviour, BiasedExploration, MonteCarloGate, Noise, actor_source
+from rled_agent.checkpoint import Checkpoint
 from rled_agent.config import TrainConfig
 from rled_agent.environments import Environment
 from rled_agent.expertise import Expertise
 from rled_agent.interval import Interval
 from rled_agent.learner import Learner
-from rled_agent.networks import Network
+from rled_agent.learning_state import pack, unpack
 from rled_agent.replay import Batch, Replay
 from rled_agent.rollout import EpisodeResult, mean_result, roll_out
 from rled_agent.uncertainty import MonteCarlo
@@ -53,15 +53,15 @@ class Trainer:
         self._begin_episode(int(self.generator.integers(SEEDS)))
 
     def _make_behaviour(self) -> Behaviour:
-        settings, expert = self.config.behaviour, self.expertise.network
+        settings, source = self.config.behaviour, self.expertise.source
         noise = Noise(settings.noise, self.generator)
         unsure = None
         if self.config.learner.actor.dropout:
             unsure = MonteCarlo(self.learner.actor, settings.passes, self.learner.generator)
-        source = _source(expert) if expert else None
         if settings.name == "biased":
-            actor = _source(self.learner.actor)
-            return BiasedExploration(actor, source, noise, settings.phi, self.generator, unsure)
+            return BiasedExploration(
+                actor_source(self.learner.actor), source, noise, settings.phi, self.generator, unsure
+            )
         if unsure is None or source is None:
             lacks = "demonstrations" if source is None else "dropout in the actor"
             raise RledError(f"the Monte-Carlo gate lacks {lacks}", "", "give --bag and learner.actor.dropout > 0")
@@ -121,7 +121,7 @@ class Trainer:
 
     def evaluate(self) -> dict[str, float]:
         """Mean result of the actor without noise or dropout, on the same episodes every time."""
-        act, scaling = _source(self.learner.actor), self.expertise.scaling
+        act, scaling = actor_source(self.learner.actor), self.expertise.scaling
 
         def physical(observation: NDArray[Any]) -> NDArray[np.float32]:
             return scaling.denormalize_action(act(scaling.normalize_observation(observation))).astype(np.float32)
@@ -131,19 +131,13 @@ class Trainer:
 
     def checkpoint(self) -> Checkpoint:
         """All state, taken where an interval of metrics has just been closed."""
+        tensors, state = pack(self.learner, self.replay)
         actions = np.array(self._episode_actions, dtype=np.float32).reshape(len(self._episode_actions), -1)
-        tensors = self.learner.tensors() | {
-            "replay.rows": torch.from_numpy(self.replay.rows[: len(self.replay)]),
-            "generator": self.learner.generator.get_state(),
-            "episode.actions": torch.from_numpy(actions),
-        }
-        state = {
+        tensors["episode.actions"] = torch.from_numpy(actions)
+        state |= {
             "step": self.step,
-            "updates": self.learner.updates,
-            "added": self.replay.added,
-            "generator": self.generator.bit_generator.state,
+            "behaviour_generator": self.generator.bit_generator.state,
             "episode_seed": self._episode_seed,
-            "config": self.config.to_dict(),
         }
         if isinstance(self.behaviour, BiasedExploration):
             state["expert_episode"] = self.behaviour.expert_episode
@@ -155,25 +149,13 @@ class Trainer:
         Raises:
             CheckpointError: of another configuration or environment.
         """
+        unpack(checkpoint, self.learner, self.replay)
         tensors, state = checkpoint
         self._begin_episode(state["episode_seed"])
         for action in tensors["episode.actions"].numpy():
             *_, self._observation = self._transition(action)
-        for name, tensor in self.learner.tensors().items():
-            if tensors[name].shape != tensor.shape:
-                raise CheckpointError(f"{name} has {len(tensors[name])} numbers", str(len(tensor)))
-            tensor.copy_(tensors[name])
-        self.replay.rows[: len(tensors["replay.rows"])] = tensors["replay.rows"].numpy()
-        self.replay.added, self.step, self.learner.updates = state["added"], state["step"], state["updates"]
+        self.step = state["step"]
+        self.generator.bit_generator.state = state["behaviour_generator"]
         self.learner.generator.set_state(tensors["generator"])
-        self.generator.bit_generator.state = state["generator"]
         if isinstance(self.behaviour, BiasedExploration):
             self.behaviour.expert_episode = state["expert_episode"]
-
-
-def _source(network: Network) -> Source:
-    def act(observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        action: NDArray[np.float32] = network.forward(torch.from_numpy(observation)[None])[0, 0].numpy().copy()
-        return action
-
-    return act

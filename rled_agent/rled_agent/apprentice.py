@@ -1,0 +1,83 @@
+"""The control side of learning: starts the learning process, offers it transitions, takes its weights."""
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rled_agent.networks import Network
+from rled_agent.weight_slot import WeightSlot
+
+
+class Apprentice:
+    """A running learning process; no call waits for it but ``close``.
+
+    Args:
+        actor: network that acts; its weights are replaced as the process learns.
+        policy: file of that network.
+        checkpoint: where the process keeps its state.
+    """
+
+    def __init__(self, actor: Network, policy: Path, checkpoint: Path) -> None:
+        self._actor = actor
+        self._weights = np.empty(len(actor.parameters), dtype=np.float32)
+        self._slot = WeightSlot(len(self._weights))
+        self.offered = self.dropped = self.handovers = 0
+        command = [sys.executable, "-m", "rled_agent.learning_process", "--policy", str(policy)]
+        command += ["--slot", self._slot.name, "--checkpoint", str(checkpoint), *_architecture(actor)]
+        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, process_group=0)
+        assert self._process.stdin is not None
+        self._pipe = self._process.stdin.fileno()
+        os.set_blocking(self._pipe, False)
+
+    @property
+    def running(self) -> bool:
+        """The process is alive."""
+        return self._process.poll() is None
+
+    def offer(self, row: NDArray[np.float32]) -> None:
+        """Send one transition, a row as in ``Replay``; a full pipe drops it."""
+        self.offered += 1
+        try:
+            os.write(self._pipe, row.tobytes())  # whole or not at all: shorter than PIPE_BUF
+        except (BlockingIOError, BrokenPipeError):
+            self.dropped += 1
+
+    def renew(self) -> None:
+        """Take newer weights into the actor, if there are any."""
+        if self._slot.take(self._weights):
+            self._actor.parameters.numpy()[:] = self._weights
+            self.handovers += 1
+
+    def save(self) -> None:
+        """Ask the process to write its state."""
+        with contextlib.suppress(ProcessLookupError):
+            self._process.send_signal(signal.SIGUSR1)
+
+    def close(self, patience: float = 10.0) -> None:
+        """End the process: it writes its state first."""
+        assert self._process.stdin is not None
+        self._process.stdin.close()
+        try:
+            self._process.wait(patience)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._slot.close()
+
+
+def _architecture(actor: Network) -> list[str]:
+    architecture = actor.architecture
+    return [
+        "--learner.actor.hidden",
+        *map(str, architecture.hidden),
+        "--learner.actor.activation",
+        architecture.activation,
+        "--learner.actor.dropout",
+        str(architecture.dropout),
+    ]
