@@ -1,8 +1,11 @@
 """Command: record a demonstration from the topics into a bag; with an operator named, everything is started."""
 
 import shlex
+import shutil
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from threading import Event
 
@@ -11,6 +14,7 @@ from rled_msgs_py.bags import BagWriter
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.node import run_node
 from rled_msgs_py.processes import Child, Children, program
+from rled_msgs_py.topics import JOINT_DELTA, MARKED_JOINT_STATES
 from rled_sim.robots import robot_named
 
 from rled_teleop import __version__
@@ -31,7 +35,7 @@ def record(node: Recorder, stop: Event) -> None:
     """
     params = node.params
     folder = _checked(params)
-    with BagWriter(folder, metadata=_metadata(params), overwrite=params.overwrite) as bag:
+    with opened(BagWriter(folder, metadata=_metadata(params), overwrite=params.overwrite)) as bag:
         with Children() as children:
             node.begin(bag)
             operator = _start(children, params) if params.operator != "none" else None
@@ -41,6 +45,25 @@ def record(node: Recorder, stop: Event) -> None:
     if operator is not None and stop.is_set():
         print("interrupted: the operator had not finished", file=sys.stderr)
         sys.exit(130)
+
+
+@contextmanager
+def opened(bag: BagWriter) -> Iterator[BagWriter]:
+    """Complete a bag at the end of a block, or remove it when it holds no demonstration.
+
+    Raises:
+        RledError: nothing was recorded.
+    """
+    try:
+        with bag:
+            yield bag
+    except RledError:
+        if not (bag.counts[JOINT_DELTA.name] or bag.counts[MARKED_JOINT_STATES.name]):
+            shutil.rmtree(bag.path)
+        raise
+    if not bag.counts.total():
+        shutil.rmtree(bag.path)
+        raise RledError("nothing was recorded", "", "is a simulation running in this ROS_DOMAIN_ID?")
 
 
 def _checked(params: RecordParams) -> Path:

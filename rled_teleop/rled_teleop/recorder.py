@@ -7,7 +7,7 @@ from typing import Any
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rled_msgs_py.bags import BagWriter
+from rled_msgs_py.bags import FLUSH_PERIOD, BagWriter
 from rled_msgs_py.convert import MESSAGE_CLASSES, qos_profile
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.node import advertise, declare
@@ -31,8 +31,8 @@ from std_srvs.srv import SetBool, Trigger
 
 from rled_teleop.ordering import Ordering, Received, stamp_of
 
-FLUSH_PERIOD = 0.01
-"""Seconds between writes. A message is held for two of them at most, so that SIGKILL loses less than 50 ms."""
+WRITE_PERIOD = FLUSH_PERIOD / 2.0
+"""Seconds between writes; for the sake of their order, messages are held for two of them."""
 HISTORY = 1000
 """Messages of a topic that wait for the recorder when it is held up."""
 RECENT = 8
@@ -62,7 +62,7 @@ class RecordParams:
     sim_options: str = param("", 'more options of the simulation, as typed: "--gui"', read_only=True)
 
 
-class Recorder(Node):  # type: ignore[misc]
+class Recorder(Node):
     """Records topics into a bag; services ``~/record`` (pause, resume) and ``~/mark_pose``."""
 
     def __init__(self, **options: Any) -> None:
@@ -83,7 +83,7 @@ class Recorder(Node):  # type: ignore[misc]
         sees it listen to ``joint_delta`` can begin.
         """
         self._bag = bag
-        self.create_timer(FLUSH_PERIOD, self._flush, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.create_timer(WRITE_PERIOD, self._flush, clock=Clock(clock_type=ClockType.STEADY_TIME))
         for topic in DESCRIPTIONS:
             self._listen(topic)
 

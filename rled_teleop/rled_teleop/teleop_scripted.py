@@ -1,7 +1,6 @@
 """Node: the scripted operator of the thesis, driving the robot over topics."""
 
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -9,11 +8,11 @@ from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rled_msgs_py.convert import to_msg
-from rled_msgs_py.node import advertise, declare, run_node, subscribe
+from rled_msgs_py.node import advertise, declare, run_node, subscribe, subscribe_ticks
 from rled_msgs_py.params import param
-from rled_msgs_py.records import Record, Text
+from rled_msgs_py.records import Text
 from rled_msgs_py.task import TaskDescription
-from rled_msgs_py.tick import STATE_TOPICS, Tick, TickAssembler
+from rled_msgs_py.tick import Tick
 from rled_msgs_py.topics import (
     JOINT_DELTA,
     MARKED_EE_POSE,
@@ -50,13 +49,12 @@ class ScriptedParams:
     wait_for_subscribers: int = param(1, "subscribers of joint_delta to wait for before the start", low=1, high=100)
 
 
-class TeleopScripted(Node):  # type: ignore[misc]
+class TeleopScripted(Node):
     """Answers each tick with the displacement that the scripted operator makes, and marks points of ζᵃ."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__("teleop_scripted", **options)
         self._params = declare(self, ScriptedParams)
-        self._assembler = TickAssembler()
         self._tick: Tick | None = None
         self._task: TaskDescription | None = None
         self._chain: Chain | None = None
@@ -68,8 +66,7 @@ class TeleopScripted(Node):  # type: ignore[misc]
         self._marked_pose = advertise(self, MARKED_EE_POSE)
         subscribe(self, TASK_DESCRIPTION, self._on_task)
         subscribe(self, ROBOT_DESCRIPTION, self._on_robot)
-        for topic in STATE_TOPICS:
-            subscribe(self, topic, partial(self._on_state, topic.name))
+        subscribe_ticks(self, self._on_tick)
         self.create_timer(0.05, self._answer, clock=Clock(clock_type=ClockType.STEADY_TIME))  # subscribers come late
 
     def _on_task(self, text: Text) -> None:
@@ -78,11 +75,9 @@ class TeleopScripted(Node):  # type: ignore[misc]
     def _on_robot(self, text: Text) -> None:
         self._urdf = text.data
 
-    def _on_state(self, topic: str, record: Record) -> None:
-        tick = self._assembler.add(topic, record)  # type: ignore[arg-type]
-        if tick is not None:
-            self._tick = tick
-            self._answer()
+    def _on_tick(self, tick: Tick) -> None:
+        self._tick = tick
+        self._answer()
 
     def _answer(self) -> None:
         if self._tick is None or not self._ready():
