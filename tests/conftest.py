@@ -1,4 +1,4 @@
-"""Every test file runs in a ROS graph of its own, apart from any other graph on this machine."""
+"""What all tests share: a ROS graph of its own for every test file, and a small demonstration bag."""
 
 import errno
 import os
@@ -6,9 +6,18 @@ import random
 import socket
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
+from itertools import pairwise
+from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import settings
+from rled_msgs_py import topics
+from rled_msgs_py.bags import BagWriter
+from rled_msgs_py.records import DeltaCommand, JointSample, PoseSample, Record, TaskStatus, Text
+from rled_sim.kinematics import solve_position
+from rled_sim.robots import ROBOTS
+from rled_sim.tasks import reach_task
 
 DOMAINS = range(1, 102)  # 0 is everybody's default; above 101 the ports meet Linux's ephemeral ones
 
@@ -58,3 +67,43 @@ def ros_domain() -> Iterator[int]:
         patch.delenv("ROS_STATIC_PEERS", raising=False)
         patch.delenv("ROS_DISCOVERY_SERVER", raising=False)
         yield domain
+
+
+def demonstrated_motion(q: np.ndarray, goal: np.ndarray, max_delta: float) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """States and displacements of the demonstrated action, step by step from ``q`` until ``goal`` is met."""
+    while (farthest := np.abs(goal - q).max()) > 1e-9:
+        delta = min(farthest, max_delta) * (goal - q) / farthest
+        yield q, delta
+        q = q + delta
+
+
+@pytest.fixture(scope="session")
+def planar_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A demonstration of the planar arm: 25 points of its curve marked, then 12 motions from one to the next."""
+    robot = ROBOTS["planar"]
+    task, curve = reach_task(robot).description, reach_task(robot).targets[::16]
+    joints = [solve_position(robot.chain, point, robot.home, robot.lower, robot.upper) for point in curve]
+    path, stamp = tmp_path_factory.mktemp("demonstration") / "planar", 0
+    with BagWriter(path) as bag:
+
+        def write(**records: Record) -> None:
+            for name, record in records.items():
+                bag.write(getattr(topics, name), record)
+
+        write(TASK_DESCRIPTION=Text(task.to_json()), ROBOT_DESCRIPTION=Text(robot.description))
+        for q in joints:
+            stamp += task.period
+            ee = PoseSample(stamp, task.frame, robot.chain.position(q))
+            write(MARKED_JOINT_STATES=JointSample(stamp, task.joint_names, q, np.zeros(2)), MARKED_EE_POSE=ee)
+        order = np.random.default_rng(0).permutation(len(joints))[:13]
+        for episode, (start, goal) in enumerate(pairwise(order)):
+            for step, (q, delta) in enumerate(demonstrated_motion(joints[start], joints[goal], task.max_delta)):
+                stamp += task.period
+                write(
+                    JOINT_STATES=JointSample(stamp, task.joint_names, q, np.zeros(2)),
+                    EE_POSE=PoseSample(stamp, task.frame, robot.chain.position(q)),
+                    TARGET_POSE=PoseSample(stamp, task.frame, curve[goal]),
+                    TASK_STATUS=TaskStatus(stamp, episode, step, 0.0, 0, False, 0, False, False),
+                    JOINT_DELTA=DeltaCommand(stamp, task.joint_names, delta),
+                )
+    return path

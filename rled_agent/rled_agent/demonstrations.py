@@ -187,9 +187,9 @@ class RecordedTrajectories:
     def split(
         self, share: float, generator: np.random.Generator
     ) -> tuple["RecordedTrajectories", "RecordedTrajectories"]:
-        """Set a share of the trajectories aside."""
+        """Set a share of the trajectories aside, one at least."""
         numbers = np.unique(self.trajectory)
-        aside = np.isin(self.trajectory, generator.permutation(numbers)[: round(share * len(numbers))])
+        aside = np.isin(self.trajectory, generator.permutation(numbers)[: max(1, round(share * len(numbers)))])
         return self._part(~aside), self._part(aside)
 
     def _part(self, chosen: NDArray[np.bool_]) -> "RecordedTrajectories":
@@ -201,14 +201,14 @@ def demonstration_points(bag: Bag) -> DemonstrationPoints:
 
     Raises:
         DemonstrationError: fewer than two points.
+        ContractError: marks of other joints than the task's.
     """
     joints = bag.joints(MARKED_JOINT_STATES)
     poses = bag.poses(MARKED_EE_POSE)
     _, of_joints, of_poses = np.intersect1d(joints.stamps, poses.stamps, return_indices=True)
     if len(of_joints) < 2:
         raise DemonstrationError(f"the bag holds {len(of_joints)} marked points", "2 or more", "record with marks")
-    order = [joints.names.index(name) for name in bag.task.joint_names]
-    return DemonstrationPoints(poses.position[of_poses], joints.position[of_joints][:, order])
+    return DemonstrationPoints(poses.position[of_poses], joints.ordered(bag.task.joint_names).position[of_joints])
 
 
 def joined_points(bag: Bag) -> JoinedPoints:
@@ -221,11 +221,14 @@ def recorded_trajectories(bag: Bag) -> RecordedTrajectories:
     """The transitions that a bag recorded after its last mark; before it the operator did not go for targets.
 
     Raises:
-        DemonstrationError: no answered state in it.
+        DemonstrationError: no answered state in it, or stamps that begin anew.
+        ContractError: joints other than the task's.
     """
     task = bag.task
     states, ee, targets = bag.joints(JOINT_STATES), bag.poses(EE_POSE), bag.poses(TARGET_POSE)
     deltas, marks = bag.joints(JOINT_DELTA), bag.joints(MARKED_JOINT_STATES)
+    if np.any(np.diff(states.stamps) < 0):
+        raise DemonstrationError("the simulation was restarted while the bag was recorded", "one run", "record again")
     stamps = states.stamps
     for other in (ee.stamps, targets.stamps, deltas.stamps):
         stamps = np.intersect1d(stamps, other)
@@ -237,11 +240,10 @@ def recorded_trajectories(bag: Bag) -> RecordedTrajectories:
         np.searchsorted(table.stamps, stamps) for table in (states, ee, targets, deltas)
     )
     goal = targets.position[of_targets]
-    order = [states.names.index(name) for name in task.joint_names]
-    order_deltas = [deltas.names.index(name) for name in task.joint_names]
-    observations = task.observe(states.position[of_states][:, order], ee.position[of_ee], goal)
+    q, actions = (table.ordered(task.joint_names).position for table in (states, deltas))
+    observations = task.observe(q[of_states], ee.position[of_ee], goal)
     trajectory = np.cumsum(np.any(np.diff(goal, axis=0, prepend=goal[:1]) != 0, axis=1))
-    return RecordedTrajectories(task, observations, deltas.position[of_deltas][:, order_deltas], trajectory)
+    return RecordedTrajectories(task, observations, actions[of_deltas], trajectory)
 
 
 def open_demonstrations(path: Path, source: str) -> Demonstrations:
