@@ -18,12 +18,12 @@ setup(
         (f"share/{NAME}", ["package.xml"]),
     ],
     install_requires=[
+        "gymnasium",
         "matplotlib",
         "numpy",
         "rled_msgs_py",
         "rled_sim",
         "rled_teleop",
-        "gymnasium",
         "safetensors",
         "tensorboard",
         "torch",

@@ -6,6 +6,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from importlib.metadata import distribution
 from pathlib import Path
 
 import pytest
@@ -16,9 +17,8 @@ from rled_msgs_py.topics import JOINT_STATES
 
 ROOT = Path(__file__).parents[2]
 EXECUTABLES = {
-    "rled_sim": ("sim_node",),
-    "rled_teleop": ("record_demos", "teleop_scripted"),
-    "rled_agent": ("agent_node", "demo", "train_expert"),
+    package: sorted(each.name for each in distribution(package).entry_points.select(group="console_scripts"))
+    for package in ("rled_msgs_py", "rled_sim", "rled_teleop", "rled_agent")
 }
 BIN = Path(sys.executable).parent
 
@@ -53,7 +53,7 @@ def test_executables_are_where_ros2_run_looks(workspace: Path, package: str) -> 
     folder = prefix_of(workspace, package) / "lib" / package
     assert folder.is_relative_to(workspace / "install")
     executables = sorted(each.name for each in folder.iterdir() if os.access(each, os.X_OK))
-    assert executables == sorted(EXECUTABLES[package])
+    assert executables == EXECUTABLES[package]
 
 
 @pytest.mark.parametrize(

@@ -22,6 +22,7 @@ def imports_of(package: str) -> set[str]:
     nodes = [node for tree in trees for node in ast.walk(tree)]
     names = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
     names |= {node.module or "" for node in nodes if isinstance(node, ast.ImportFrom) and not node.level}
+    names |= {"tensorboard" for name in names if name.startswith("torch.utils.tensorboard")}
     names |= {node.value for node in nodes if isinstance(node, ast.Constant) and node.value in PACKAGES}
     return {name.partition(".")[0] for name in names} - set(sys.stdlib_module_names) - {package}
 
