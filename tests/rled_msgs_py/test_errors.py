@@ -1,0 +1,44 @@
+"""An error of a user is one line."""
+
+import pickle
+
+import pytest
+from rled_msgs_py.errors import ContractError, RledError, command_line
+
+
+def test_message_says_what_is_accepted_and_the_remedy():
+    assert str(RledError("x is 3", "1 to 2", "choose less")) == "x is 3; accepted: 1 to 2; choose less"
+    assert str(RledError("x is 3")) == "x is 3"
+
+
+def test_error_survives_pickling():
+    error = pickle.loads(pickle.dumps(ContractError("x is 3", "1 to 2", "choose less")))
+    assert type(error) is ContractError
+    assert (error.what, error.accepted, error.remedy) == ("x is 3", "1 to 2", "choose less")
+
+
+def raising(error):
+    @command_line
+    def main():
+        raise error
+
+    return main
+
+
+def test_a_users_mistake_ends_a_command_with_one_line_and_2(capsys):
+    with pytest.raises(SystemExit) as exit_:
+        raising(RledError("first\nsecond", "this"))()
+    assert exit_.value.code == 2
+    assert capsys.readouterr().err == "error: first second; accepted: this\n"
+
+
+def test_interrupt_ends_a_command_with_130(capsys):
+    with pytest.raises(SystemExit) as exit_:
+        raising(KeyboardInterrupt())()
+    assert exit_.value.code == 130
+    assert capsys.readouterr().err == "interrupted\n"
+
+
+def test_a_programmers_mistake_keeps_its_traceback():
+    with pytest.raises(ZeroDivisionError):
+        raising(ZeroDivisionError())()

@@ -1,0 +1,71 @@
+"""Records refuse what no robot can mean."""
+
+import numpy as np
+import pytest
+from rled_msgs_py.errors import ContractError
+from rled_msgs_py.records import DeltaCommand, JointSample, PoseSample, TaskStatus
+
+NAMES = ("shoulder", "elbow")
+
+
+@pytest.mark.parametrize("bad", [float("nan"), float("inf"), -float("inf")])
+def test_delta_that_is_not_finite_is_refused(bad):
+    with pytest.raises(ContractError, match="delta holds"):
+        DeltaCommand(0, NAMES, np.array([0.0, bad]))
+
+
+@pytest.mark.parametrize("field", ["position", "velocity"])
+def test_joint_sample_with_nan_is_refused(field):
+    values = {"position": [0.0, 0.0], "velocity": [0.0, 0.0]} | {field: [0.0, float("nan")]}
+    with pytest.raises(ContractError, match=f"{field} holds nan; accepted: finite numbers"):
+        JointSample(0, NAMES, **values)
+
+
+@pytest.mark.parametrize("values", [[], [0.0], [0.0, 0.0, 0.0], [[0.0, 0.0]]])
+def test_delta_of_another_size_is_refused(values):
+    with pytest.raises(ContractError, match=r"accepted: \(2,\)"):
+        DeltaCommand(0, NAMES, values)
+
+
+@pytest.mark.parametrize("names", [(), ("elbow", "elbow"), ("shoulder", "")])
+def test_names_that_do_not_tell_joints_apart_are_refused(names):
+    with pytest.raises(ContractError, match="distinct, non-empty joint names"):
+        DeltaCommand(0, names, np.zeros(len(names)))
+
+
+@pytest.mark.parametrize("orientation", [[0, 0, 0, 0], [0, 0, 0, 1.1], [0, 0, 0, float("nan")]])
+def test_orientation_that_is_no_unit_quaternion_is_refused(orientation):
+    with pytest.raises(ContractError, match="orientation"):
+        PoseSample(0, "world", np.zeros(3), orientation)
+
+
+def test_pose_without_orientation_is_not_rotated():
+    assert PoseSample(0, "world", np.zeros(3)).orientation.tolist() == [0, 0, 0, 1]
+
+
+def test_reward_that_is_not_finite_is_refused():
+    with pytest.raises(ContractError, match="reward is nan"):
+        TaskStatus(0, 0, 0, float("nan"), 0, False, 0, False, False)
+
+
+def test_arrays_are_copies_that_cannot_be_written():
+    given = np.zeros(2)
+    sample = JointSample(0, NAMES, given, given)
+    given[0] = 1.0
+    assert sample.position[0] == 0.0
+    with pytest.raises(ValueError, match="read-only"):
+        sample.position[0] = 1.0
+
+
+def test_joints_in_another_order_are_accepted_by_name():
+    sample = JointSample(7, NAMES, [1.0, 2.0], [3.0, 4.0]).ordered(("elbow", "shoulder"))
+    assert (sample.stamp, sample.names) == (7, ("elbow", "shoulder"))
+    assert (sample.position.tolist(), sample.velocity.tolist()) == ([2.0, 1.0], [4.0, 3.0])
+    assert DeltaCommand(7, NAMES, [1.0, 2.0]).ordered(("elbow", "shoulder")).delta.tolist() == [2.0, 1.0]
+
+
+@pytest.mark.parametrize("wanted", [("shoulder",), ("shoulder", "wrist"), ("shoulder", "elbow", "wrist")])
+def test_other_joints_are_refused_naming_the_difference(wanted):
+    offender = "wrist" if "wrist" in wanted else "elbow"
+    with pytest.raises(ContractError, match=f"differs in .*{offender}"):
+        DeltaCommand(0, NAMES, [1.0, 2.0]).ordered(wanted)
