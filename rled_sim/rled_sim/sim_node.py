@@ -1,15 +1,17 @@
 """Node: the simulated robot and its task, in lockstep or in real time."""
 
 import time
+from threading import Event
 from typing import Any
 
 from rclpy.clock import Clock, ClockType
+from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.time import Time
 from rled_msgs_py.convert import to_msg
 from rled_msgs_py.errors import ContractError, RledError
-from rled_msgs_py.node import advertise, declare, run_node, subscribe
+from rled_msgs_py.node import advertise, declare, run_node, spin, subscribe
 from rled_msgs_py.records import DeltaCommand, Record, Text
 from rled_msgs_py.tick import STATE_TOPICS, Tick
 from rled_msgs_py.topics import (
@@ -168,9 +170,13 @@ def _require_alone(node: Node, patience: float) -> None:
         time.sleep(0.02)
 
 
+def _spin(node: SimNode, stop: Event) -> None:
+    spin(node, stop, EventsExecutor(context=node.context))  # measured: half the processor time of the default
+
+
 def main() -> None:
     """Run the node."""
-    run_node(SimNode, SimParams, "sim_node", "Simulate a robot and its task.")
+    run_node(SimNode, SimParams, "sim_node", "Simulate a robot and its task.", _spin)
 
 
 if __name__ == "__main__":
