@@ -82,10 +82,10 @@ class Learner:
     def update(self, batch: Batch) -> Metrics:
         """One gradient step of the critics and, every ``delay`` of them, of actor and targets."""
         metrics = self._update_critic(batch)
-        self.updates += 1
-        if self.updates % self.config.delay == 0:
+        if (self.updates + 1) % self.config.delay == 0:
             self._update_actor(batch)
             self._update_targets()
+        self.updates += 1
         return metrics
 
     def _update_critic(self, batch: Batch) -> Metrics:

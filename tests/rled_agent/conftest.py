@@ -15,6 +15,8 @@ from rled_msgs_py.task import TaskDescription
 from rled_sim.robots import ROBOTS
 from rled_sim.tasks import reach_task
 
+torch.set_num_threads(1)  # as the commands do: faster on small networks, and the same bits on every machine
+
 THREE_POINTS = np.array([[-0.5, 1.0], [-0.2, 1.25], [-0.5, 1.5]])
 """Joint angles (rad): 0.3 and 0.25, 0.5, 0.3 and 0.25 apart, so 3, 5 and 3 steps of 0.1 rad."""
 

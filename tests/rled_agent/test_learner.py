@@ -1,0 +1,305 @@
+from dataclasses import replace
+
+import pytest
+import torch
+from rled_agent.learner import Learner, LearnerConfig
+from rled_agent.networks import Architecture, Network, dropout_mask
+from rled_agent.replay import Batch
+from torch import Tensor
+from torch.nn import functional
+
+SMALL = Architecture(hidden=(6, 5))
+TD3 = LearnerConfig(gamma=0.9, actor_rate=3e-3, critic_rate=2e-3, tau=0.05, actor=SMALL, critic=SMALL)
+DDPG = replace(TD3, critics=1, delay=1, target_noise=0.0)
+OBSERVATION, ACTION, ROWS = 4, 2, 8
+
+
+def generator(seed: int = 0) -> torch.Generator:
+    return torch.Generator().manual_seed(seed)
+
+
+def batches(count: int, demonstrated: int = 0) -> list[Batch]:
+    drawing = generator(11)
+    rows = [torch.randn(ROWS, 2 * OBSERVATION + ACTION + 2, generator=drawing) for _ in range(count)]
+    for each in rows:
+        each[:, OBSERVATION : OBSERVATION + ACTION].tanh_()
+        each[:, OBSERVATION + ACTION + 1] = (each[:, OBSERVATION + ACTION + 1] > 0.5).to(each.dtype)
+    return [Batch(each, OBSERVATION, ACTION, demonstrated) for each in rows]
+
+
+class Reference:
+    """The update written with autograd and torch.optim, weight by weight as in the papers."""
+
+    def __init__(self, learner: Learner, config: LearnerConfig, drawing: torch.Generator) -> None:
+        self.config, self.drawing, self.k = config, drawing, 0
+        nets = learner.networks()
+        self.weights = {name: self.parts(nets[name]) for name in nets}
+        for name in ("actor", "critic"):
+            for each in self.weights[name].values():
+                each.requires_grad_()
+        self.actor_adam = torch.optim.Adam(self.weights["actor"].values())
+        self.critic_adam = torch.optim.Adam(self.weights["critic"].values())
+
+    @staticmethod
+    def parts(network: Network) -> dict[str, Tensor]:
+        return {name: each.clone() for name, each in network.named_parameters().items()}
+
+    def net(self, name: str, x: Tensor, member: int = 0, dropping: bool = False) -> Tensor:
+        settings = self.config.actor if "actor" in name else self.config.critic
+        for k in range(len(settings.hidden) + 1):
+            weights = self.weights[name]
+            x = functional.linear(x, weights[f"{k}.weight"][member].T, weights[f"{k}.bias"][member, 0])
+            if k < len(settings.hidden):
+                x = functional.relu(x)
+                if dropping and settings.dropout:
+                    x = x * dropout_mask((1, *x.shape), settings.dropout, self.drawing)[0]
+        return x
+
+    def act(self, name: str, s: Tensor, dropping: bool) -> Tensor:
+        return torch.tanh(self.net(name, s, dropping=dropping))
+
+    def target(self, batch: Batch) -> Tensor:
+        config = self.config
+        with torch.no_grad():
+            a = self.act("target_actor", batch.next_observation, config.target_dropout)
+            if config.target_noise:
+                noise = torch.empty_like(a).normal_(0, config.target_noise, generator=self.drawing)
+                a = torch.clamp(a + torch.clamp(noise, -config.target_clip, config.target_clip), -1, 1)
+            x = torch.cat([batch.next_observation, a], dim=1)
+            q = torch.stack([self.net("target_critic", x, member) for member in range(config.critics)])
+            lesser = q.min(dim=0).values
+            return torch.where(batch.terminated > 0, batch.reward, batch.reward + config.gamma * lesser)
+
+    def step(self, adam: torch.optim.Adam, loss: Tensor, rate: float) -> None:
+        for group in adam.param_groups:
+            group["lr"] = rate / (1 + self.k / self.config.rate_decay) if self.config.rate_decay else rate
+        adam.zero_grad()
+        loss.backward()
+        adam.step()
+
+    def update(self, batch: Batch) -> None:
+        config, y = self.config, self.target(batch)
+        x = torch.cat([batch.observation, batch.action], dim=1)
+        errors = [functional.mse_loss(self.net("critic", x, member), y) for member in range(config.critics)]
+        self.step(self.critic_adam, sum(errors), config.critic_rate)
+        if (self.k + 1) % config.delay == 0:
+            self.step(self.actor_adam, self.actor_loss(batch), config.actor_rate)
+            self.soften()
+        self.k += 1
+
+    def actor_loss(self, batch: Batch) -> Tensor:
+        a = self.act("actor", batch.observation, dropping=True)
+        q = self.net("critic", torch.cat([batch.observation, a], dim=1))
+        weight, d = self.config.cloning_weight, batch.demonstrated
+        if not weight:
+            return -q.mean()
+        loss = -q.mean() / q.abs().mean().detach()
+        if d:
+            s, demonstrated = batch.observation[-d:], batch.action[-d:]
+            error = (a[-d:] - demonstrated).square().sum(dim=1)
+            if self.config.q_filter:
+                better = self.net("critic", torch.cat([s, demonstrated], dim=1)) > q[-d:]
+                error = error * better[:, 0].detach()
+            loss = loss + weight * error.mean()
+        return loss
+
+    def soften(self) -> None:
+        tau = self.config.tau
+        with torch.no_grad():
+            for name in ("actor", "critic"):
+                for key, target in self.weights[f"target_{name}"].items():
+                    target.copy_(tau * self.weights[name][key] + (1 - tau) * target)
+
+
+@pytest.mark.usefixtures("double")
+@pytest.mark.parametrize(
+    ("config", "demonstrated"),
+    [
+        pytest.param(DDPG, 0, id="ddpg"),
+        pytest.param(TD3, 0, id="td3"),
+        pytest.param(replace(TD3, delay=3, rate_decay=4.0), 0, id="td3-decaying-rates"),
+        pytest.param(replace(DDPG, rate_decay=4.0), 0, id="ddpg-decaying-rates"),
+        pytest.param(replace(TD3, actor=replace(SMALL, dropout=0.3)), 0, id="td3-actor-dropout"),
+        pytest.param(replace(TD3, actor=replace(SMALL, dropout=0.3), target_dropout=True), 0, id="td3-target-dropout"),
+        pytest.param(replace(TD3, cloning_weight=0.7), 3, id="td3-cloning-filtered"),
+        pytest.param(replace(TD3, cloning_weight=0.7, q_filter=False), 3, id="td3-cloning"),
+        pytest.param(replace(DDPG, cloning_weight=2.0), ROWS, id="ddpg-cloning-every-row"),
+    ],
+)
+def test_updates_equal_those_of_autograd(config, demonstrated):
+    learner = Learner(OBSERVATION, ACTION, config, generator(3))
+    reference = Reference(learner, config, generator(5))
+    learner.generator.set_state(generator(5).get_state())
+    for batch in batches(12, demonstrated):
+        learner.update(batch)
+        reference.update(batch)
+    for name, network in learner.networks().items():
+        for key, parameter in network.named_parameters().items():
+            expected = reference.weights[name][key].detach()
+            torch.testing.assert_close(parameter, expected, rtol=1e-9, atol=1e-11, msg=f"{name}.{key}")
+    assert torch.equal(learner.generator.get_state(), reference.drawing.get_state())
+
+
+def linear(critics: int = 2, **settings: object) -> Learner:
+    """Actor tanh(w s + b) and critics w s + v a + b, of one observation and one action; the online critics stay 0."""
+    flat = Architecture(hidden=())
+    config = LearnerConfig(**{"critics": critics, "target_noise": 0.0, "critic_rate": 0.0, "tau": 0.0} | settings)
+    learner = Learner(1, 1, replace(config, actor=flat, critic=flat), generator())
+    for network in learner.networks().values():
+        network.parameters.zero_()
+    return learner
+
+
+def set_target(learner: Learner, actor: tuple[float, float], *critics: tuple[float, float, float]) -> None:
+    """Weights (w, b) of the target actor, and (w, v, b) of each target critic."""
+    parts = learner.target_actor.named_parameters()
+    parts["0.weight"].fill_(actor[0])
+    parts["0.bias"].fill_(actor[1])
+    parts = learner.target_critic.named_parameters()
+    for member, (w, v, b) in enumerate(critics):
+        parts["0.weight"][member] = torch.tensor([[w], [v]])
+        parts["0.bias"][member] = b
+
+
+def y(learner: Learner, reward: float, terminated: bool, following: float) -> float:
+    """The target of one transition: the online critics say 0, so the loss is its square (it must be positive)."""
+    row = torch.tensor([[0.0, 0.0, reward, float(terminated), following]])
+    return float(learner.update(Batch(row, 1, 1)).critic_loss) ** 0.5
+
+
+def test_target_takes_the_lesser_of_the_two_critics():
+    learner = linear(gamma=0.5)
+    set_target(learner, (0.0, 0.0), (2.0, 0.0, 1.0), (-1.0, 0.0, 10.0))
+    # s' = 1: Q' = 3 and 9; s' = 4: Q' = 9 and 6
+    assert y(learner, 5.0, False, 1.0) == pytest.approx(5.0 + 0.5 * 3.0)
+    assert y(learner, 5.0, False, 4.0) == pytest.approx(5.0 + 0.5 * 6.0)
+
+
+def test_target_with_one_critic_takes_it():
+    learner = linear(critics=1, gamma=0.5)
+    set_target(learner, (0.0, 0.0), (2.0, 0.0, 1.0))
+    assert y(learner, 5.0, False, 4.0) == pytest.approx(5.0 + 0.5 * 9.0)
+
+
+def test_target_values_the_action_of_the_target_actor():
+    learner = linear(gamma=1.0)
+    set_target(learner, (1.0, 0.25), (0.0, 10.0, 0.0), (0.0, 10.0, 5.0))
+    assert y(learner, 5.0, False, 0.5) == pytest.approx(5.0 + 10.0 * 0.6351489523872873)  # tanh(0.75)
+
+
+def test_no_value_follows_a_terminated_transition():
+    learner = linear()
+    set_target(learner, (0.0, 0.0), (0.0, 0.0, 100.0), (0.0, 0.0, 100.0))
+    assert y(learner, 7.0, True, 1.0) == pytest.approx(7.0)
+    assert y(learner, 7.0, False, 1.0) == pytest.approx(7.0 + 0.99 * 100.0)
+
+
+def test_smoothing_noise_is_clipped():
+    learner = linear(gamma=1.0, target_noise=1e6, target_clip=0.5)
+    set_target(learner, (0.0, 0.0), (0.0, 4.0, 0.0), (0.0, -4.0, 0.0))
+    # a' = 0 plus or minus 0.5: the lesser of 4 a' and -4 a' is -2
+    assert [y(learner, 5.0, False, 0.0) for _ in range(10)] == pytest.approx([3.0] * 10)
+
+
+def test_smoothed_actions_stay_within_their_bounds():
+    learner = linear(gamma=1.0, target_noise=1e6, target_clip=0.5)
+    set_target(learner, (0.0, 100.0), (0.0, 4.0, 0.0), (0.0, 4.0, 0.0))
+    # a' = 1 plus or minus 0.5, clipped to 1
+    seen = {round(y(learner, 5.0, False, 0.0), 4) for _ in range(40)}
+    assert seen == {7.0, 9.0}
+
+
+def test_smoothing_noise_has_its_deviation():
+    learner = linear(gamma=1.0, target_noise=0.1, target_clip=10.0)
+    set_target(learner, (0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 1.0, 0.0))
+    noise = torch.tensor([y(learner, 5.0, False, 0.0) - 5.0 for _ in range(2000)])
+    assert abs(float(noise.mean())) < 0.01
+    assert float(noise.std()) == pytest.approx(0.1, rel=0.1)
+
+
+@pytest.mark.parametrize("target_dropout", [False, True])
+def test_target_actor_drops_units_only_where_the_settings_say_so(target_dropout):
+    dropping = Architecture(hidden=(64,), dropout=0.5)
+    config = replace(TD3, actor=dropping, target_noise=0.0, target_dropout=target_dropout, delay=1000, critic_rate=0.0)
+    learner, (batch,) = Learner(OBSERVATION, ACTION, config, generator()), batches(1)
+    losses = {float(learner.update(batch).critic_loss) for _ in range(5)}
+    assert len(losses) == (5 if target_dropout else 1)
+
+
+def test_actor_and_targets_wait_for_the_delay():
+    learner = Learner(OBSERVATION, ACTION, replace(TD3, delay=3), generator())
+
+    def weights() -> dict[str, Tensor]:
+        return {name: network.parameters.clone() for name, network in learner.networks().items()}
+
+    before = weights()
+    for batch in batches(2):
+        learner.update(batch)
+    waiting = {name for name, each in weights().items() if torch.equal(each, before[name])}
+    assert waiting == {"actor", "target_actor", "target_critic"}
+    learner.update(batches(1)[0])
+    assert not any(torch.equal(each, before[name]) for name, each in weights().items())
+
+
+def test_targets_move_the_share_tau_of_the_way():
+    learner = linear(delay=1, tau=0.25, actor_rate=0.0)
+    learner.actor.parameters.fill_(4.0)
+    learner.critic.parameters.fill_(-8.0)
+    learner.update(Batch(torch.zeros(3, 5), 1, 1))
+    assert (learner.target_actor.parameters == 1.0).all()
+    assert (learner.target_critic.parameters == -2.0).all()
+
+
+def test_targets_begin_as_copies():
+    learner = Learner(OBSERVATION, ACTION, TD3, generator())
+    assert torch.equal(learner.actor.parameters, learner.target_actor.parameters)
+    assert torch.equal(learner.critic.parameters, learner.target_critic.parameters)
+    assert learner.actor.parameters.data_ptr() != learner.target_actor.parameters.data_ptr()
+
+
+def test_twin_critics_begin_apart():
+    weight = Learner(OBSERVATION, ACTION, TD3, generator()).critic.named_parameters()["0.weight"]
+    assert not torch.equal(weight[0], weight[1])
+
+
+def test_metrics_are_the_loss_and_the_value_before_the_step():
+    learner, (batch,) = Learner(OBSERVATION, ACTION, replace(DDPG, gamma=0.0), generator()), batches(1)
+    q = learner.critic.forward(batch.observation, batch.action).clone()
+    metrics = learner.update(batch)
+    torch.testing.assert_close(metrics.q, q.mean())
+    torch.testing.assert_close(metrics.critic_loss, (q[0] - batch.reward).square().mean())
+
+
+def test_same_generator_state_gives_the_same_updates():
+    dropping = replace(TD3, actor=replace(SMALL, dropout=0.2))
+    learners = [Learner(OBSERVATION, ACTION, dropping, generator(2)) for _ in range(2)]
+    for learner in learners:
+        for batch in batches(5):
+            learner.update(batch)
+    one, same = (learner.tensors() for learner in learners)
+    assert all(torch.equal(one[name], same[name]) for name in one)
+
+
+def test_its_tensors_and_counter_are_all_its_state():
+    one, other = (Learner(OBSERVATION, ACTION, replace(TD3, rate_decay=3.0), generator(seed)) for seed in (1, 2))
+    for batch in batches(3):
+        one.update(batch)
+    for name, tensor in one.tensors().items():
+        other.tensors()[name].copy_(tensor)
+    other.updates = one.updates
+    other.generator.set_state(one.generator.get_state())
+    for learner in (one, other):
+        for batch in batches(4):
+            learner.update(batch)
+    assert all(torch.equal(tensor, other.tensors()[name]) for name, tensor in one.tensors().items())
+
+
+def test_learning_finds_the_best_action_of_a_bandit():
+    settings = Architecture(hidden=(32, 32))
+    config = LearnerConfig(gamma=0.0, actor_rate=3e-3, critic_rate=3e-3, actor=settings, critic=settings)
+    learner, drawing = Learner(1, 1, config, generator(0)), generator(1)
+    for _ in range(400):
+        a = torch.rand(64, 1, generator=drawing) * 2 - 1
+        rows = torch.cat([torch.zeros(64, 1), a, -(a - 0.4).square(), torch.ones(64, 1), torch.zeros(64, 1)], dim=1)
+        learner.update(Batch(rows, 1, 1))
+    assert float(learner.actor.forward(torch.zeros(1, 1))[0, 0, 0]) == pytest.approx(0.4, abs=0.1)

@@ -1,0 +1,213 @@
+import itertools
+
+import pytest
+import torch
+from rled_agent.networks import Architecture, Network, dropout_mask
+
+ROWS = 5
+
+
+def generator(seed: int = 0) -> torch.Generator:
+    return torch.Generator().manual_seed(seed)
+
+
+def make(seed=0, members=2, squash=True, **architecture) -> Network:
+    settings = Architecture(**{"hidden": (4, 3)} | architecture)
+    return Network(3, 2, settings, generator(seed), members=members, squash=squash)
+
+
+def numbers(*shape, seed=1) -> torch.Tensor:
+    return torch.randn(*shape, generator=generator(seed))
+
+
+def plain_forward(network: Network, x: torch.Tensor, parameters: dict[str, torch.Tensor], masks=None) -> torch.Tensor:
+    """The network in the words of a textbook, for autograd."""
+    settings = network.architecture
+    outputs = []
+    for member in range(network.members):
+        h = x
+        for k in range(len(network.layers)):
+            h = h @ parameters[f"{k}.weight"][member] + parameters[f"{k}.bias"][member]
+            if k == len(network.layers) - 1:
+                break
+            if settings.layer_norm:
+                h = (h - h.mean(dim=1, keepdim=True)) / (h.var(dim=1, unbiased=False, keepdim=True) + 1e-5).sqrt()
+            h = torch.relu(h) if settings.activation == "relu" else torch.where(h > 0, h, 0.01 * h)
+            if masks:
+                h = h * masks[k][member]
+        outputs.append(torch.tanh(h) if network.squash else h)
+    return torch.stack(outputs)
+
+
+def leaves(network: Network) -> dict[str, torch.Tensor]:
+    return {name: each.clone().requires_grad_() for name, each in network.named_parameters().items()}
+
+
+def gradients(network: Network) -> dict[str, torch.Tensor]:
+    views = {}
+    for k, layer in enumerate(network.layers):
+        views |= {f"{k}.weight": layer.weight_gradient, f"{k}.bias": layer.bias_gradient}
+    return views
+
+
+VARIANTS = [
+    dict(zip(("activation", "layer_norm", "dropout", "squash", "members"), values, strict=True))
+    for values in itertools.product(("relu", "leaky_relu"), (False, True), (0.0, 0.4), (False, True), (1, 2))
+]
+
+
+@pytest.mark.usefixtures("double")
+@pytest.mark.parametrize("variant", VARIANTS, ids=lambda each: "-".join(str(value) for value in each.values()))
+def test_forward_and_backward_equal_autograd(variant):
+    network = make(**variant)
+    x, weight = numbers(ROWS, 3), numbers(variant["members"], ROWS, 2, seed=2)
+    drawing = generator(7)
+    masks = [
+        dropout_mask((network.members, ROWS, width), variant["dropout"], drawing)
+        for width in (4, 3)
+        if variant["dropout"]
+    ]
+    parameters, inputs = leaves(network), x.clone().requires_grad_()
+    expected = plain_forward(network, inputs, parameters, masks)
+    (expected * weight).sum().backward()
+
+    out = network.forward(x, generator=generator(7))
+    torch.testing.assert_close(out, expected.detach(), rtol=1e-12, atol=1e-12)
+    at_inputs = network.backward(weight.clone(), inputs_from=0)
+    torch.testing.assert_close(at_inputs.sum(dim=0), inputs.grad, rtol=1e-10, atol=1e-12)
+    for name, gradient in gradients(network).items():
+        torch.testing.assert_close(gradient, parameters[name].grad, rtol=1e-10, atol=1e-12, msg=name)
+
+
+@pytest.mark.usefixtures("double")
+@pytest.mark.parametrize("layer_norm", [False, True])
+@pytest.mark.parametrize("activation", ["relu", "leaky_relu"])
+def test_backward_equals_finite_differences(activation, layer_norm):
+    network = make(activation=activation, layer_norm=layer_norm, dropout=0.3)
+    x, weight = numbers(ROWS, 3), numbers(2, ROWS, 2, seed=2)
+
+    def loss() -> float:
+        return float((network.forward(x, generator=generator(7)) * weight).sum())
+
+    def difference(vector: torch.Tensor, k: int, step: float = 1e-6) -> float:
+        before = float(vector[k])
+        values = []
+        for each in (before + step, before - step):
+            vector[k] = each
+            values.append(loss())
+        vector[k] = before
+        return (values[0] - values[1]) / (2 * step)
+
+    network.forward(x, generator=generator(7))
+    at_inputs = network.backward(weight.clone(), inputs_from=1)
+    analytic = network.gradients.clone(), at_inputs.sum(dim=0).clone()
+    numeric = [difference(network.parameters, k) for k in range(len(network.parameters))]
+    torch.testing.assert_close(analytic[0], torch.tensor(numeric), rtol=1e-5, atol=1e-8)
+    flat = x.view(-1)
+    numeric = [[difference(flat, 3 * row + column) for column in (1, 2)] for row in range(ROWS)]
+    torch.testing.assert_close(analytic[1], torch.tensor(numeric), rtol=1e-5, atol=1e-8)
+
+
+def test_backward_without_parameters_leaves_their_gradients_alone():
+    network = make()
+    network.forward(numbers(ROWS, 3))
+    network.gradients.fill_(7.0)
+    network.backward(numbers(2, ROWS, 2), parameters=False, inputs_from=0)
+    assert (network.gradients == 7.0).all()
+
+
+def test_output_of_known_weights_is_the_one_worked_out_by_hand():
+    network = Network(2, 1, Architecture(hidden=(2,)), generator())
+    values = {"0.weight": [[1.0, -1.0], [2.0, 1.0]], "0.bias": [[0.5, -4.0]], "1.weight": [[3.0], [100.0]]}
+    for name, value in (values | {"1.bias": [[-2.0]]}).items():
+        network.named_parameters()[name].copy_(torch.tensor(value)[None])
+    # hidden: relu(1*1 + 2*2 + 0.5) = 5.5, relu(-1 + 2 - 4) = 0; output: 3 * 5.5 - 2
+    assert network.forward(torch.tensor([[1.0, 2.0]])).item() == 14.5
+
+
+def test_columns_may_be_given_in_parts():
+    network, x = make(), numbers(ROWS, 3)
+    whole = network.forward(x).clone()
+    assert torch.equal(network.forward(x[:, :1], x[:, 1:]), whole)
+
+
+def test_same_seed_gives_the_same_weights_within_the_bound_of_the_fan_in():
+    one, same, other = make(0), make(0), make(1)
+    assert torch.equal(one.parameters, same.parameters)
+    assert not torch.equal(one.parameters, other.parameters)
+    wide = Network(100, 50, Architecture(hidden=(25,)), generator())
+    for layer, fan_in in zip(wide.layers, (100, 25), strict=True):
+        for each in (layer.weight, layer.bias):
+            assert each.abs().max() <= fan_in**-0.5
+        assert layer.weight.abs().max() > 0.95 * fan_in**-0.5
+        assert abs(float(layer.weight.mean())) < 0.1 * fan_in**-0.5
+
+
+def test_a_copy_has_the_weights_and_memory_of_its_own():
+    network, x = make(), numbers(ROWS, 3)
+    twin, before = network.copy(), network.forward(x).clone()
+    assert torch.equal(twin.forward(x), before)
+    network.parameters.add_(1.0)
+    assert torch.equal(twin.forward(x), before)
+    assert not torch.equal(network.forward(x), before)
+
+
+def test_the_first_member_shares_its_weights():
+    network, x = make(), numbers(ROWS, 3)
+    first = network.first()
+    assert torch.equal(first.forward(x)[0], network.forward(x)[0])
+    network.parameters.mul_(0.5)
+    assert torch.equal(first.forward(x)[0], network.forward(x)[0])
+
+
+def test_a_backward_pass_of_the_first_member_writes_its_gradients_and_no_weight():
+    network, x, weight = make(), numbers(ROWS, 3), numbers(2, ROWS, 2)
+    network.forward(x)
+    network.backward(weight.clone())
+    before, expected = network.parameters.clone(), [each.weight_gradient[:1].clone() for each in network.layers]
+    network.gradients.zero_()
+    first = network.first()
+    first.forward(x)
+    first.backward(weight[:1].clone())
+    assert torch.equal(network.parameters, before)
+    for layer, gradient in zip(network.layers, expected, strict=True):
+        torch.testing.assert_close(layer.weight_gradient[:1], gradient)
+        assert not layer.weight_gradient[1:].any()
+
+
+def test_dropout_is_off_without_a_generator():
+    network, x = make(dropout=0.5), numbers(ROWS, 3)
+    whole = network.forward(x).clone()
+    assert torch.equal(make(dropout=0.0).forward(x), whole)
+    assert not torch.equal(network.forward(x, generator=generator()), whole)
+    assert torch.equal(network.forward(x), whole)
+
+
+def test_backward_after_a_pass_without_dropout_forgets_the_dropped_units():
+    network, same, x, weight = make(dropout=0.5), make(dropout=0.0), numbers(ROWS, 3), numbers(2, ROWS, 2)
+    network.forward(x, generator=generator())
+    for each in (network, same):
+        each.forward(x)
+        each.backward(weight.clone())
+    assert torch.equal(network.gradients, same.gradients)
+
+
+@pytest.mark.parametrize("probability", [0.1, 0.5])
+def test_dropout_keeps_the_mean_of_a_unit(probability):
+    mask = dropout_mask((100, 1003), probability, generator())
+    dropped = (mask == 0).double()
+    deviation = (probability * (1 - probability) / mask.numel()) ** 0.5
+    assert abs(float(dropped.mean()) - probability) < 5 * deviation + 2**-16
+    torch.testing.assert_close(mask.unique(), torch.tensor([0.0, 1 / (1 - probability)]), rtol=1e-4, atol=0)
+    neighbours = float((dropped[:, 1:] * dropped[:, :-1]).mean())
+    assert abs(neighbours - probability**2) < 5 * (probability**2 / mask.numel()) ** 0.5
+
+
+def test_dropout_differs_in_every_row_and_member():
+    mask = dropout_mask((2, 30, 64), 0.5, generator())
+    assert len(mask.view(60, 64).unique(dim=0)) == 60
+
+
+def test_dropout_of_the_same_generator_state_is_the_same():
+    one, same = (dropout_mask((3, 5, 7), 0.3, generator(4)) for _ in range(2))
+    assert torch.equal(one, same)
