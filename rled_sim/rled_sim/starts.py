@@ -34,7 +34,7 @@ def marked_joints(bag: Path, task: TaskDescription) -> NDArray[np.float64]:
     Raises:
         RledError: no such bag, a bag of another robot, or one without marked points.
     """
-    from rled_msgs_py.bags import Bag
+    from rled_msgs_py.bags import Bag  # slow to load, and seldom asked for
 
     demonstration = Bag(bag)
     task.require_same_robot(demonstration.task, f"bag {bag}")
