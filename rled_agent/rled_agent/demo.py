@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,18 +16,20 @@ from rled_msgs_py.processes import Children, program
 
 @dataclass(frozen=True)
 class Options:
-    """Record a demonstration, learn it from the bag, drive the robot over topics."""
+    """Record demonstrations, learn from the bags, drive a robot over topics, and learn on from experience."""
 
     output: Path = Path("out/demo")
     """folder for everything that is made"""
     points: int = 1572
-    """points of the curve that the operator marks"""
+    """points of the curve that the Panda's operator marks"""
     trajectories: int = 50
     """targets that the operator reaches after that"""
-    steps: int = 20_000
-    """gradient steps of the expert"""
+    expert_steps: int = 20_000
+    """gradient steps of the Panda's expert"""
     episodes: int = 20
     """episodes that the agent drives"""
+    learning_steps: int = 8_000
+    """environment steps of MC RLED on the planar robot"""
     seed: int = 0
     """of everything"""
     domain: int = 87
@@ -39,45 +42,77 @@ def main() -> None:
     options = tyro.cli(Options, prog="demo")
     os.environ.update(ROS_DOMAIN_ID=str(options.domain), ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST")
     print(f"$ export ROS_DOMAIN_ID={options.domain} ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST")
-    bag, expert, drive = (options.output / name for name in ("bag", "expert", "drive"))
-    _title("1. An operator demonstrates; what travels on the topics becomes a bag")
-    _run("rled_teleop", "record_demos", "--output", bag, "--overwrite", "--operator", "scripted", "--robot", "panda",
-         "--points", options.points, "--trajectories", options.trajectories, "--seed", options.seed)  # fmt: skip
+    panda, planar = options.output / "panda", options.output / "planar"
+    _title("1. An operator demonstrates on the Panda; what travels on the topics becomes a bag")
+    _record("panda", panda, options.points, options)
     _title("2. The expert network learns from the bag alone")
-    _run("rled_agent", "train_expert", "--bag", bag, "--output", expert, "--steps", options.steps,
-         "--seed", options.seed)  # fmt: skip
+    _clone(panda, options.expert_steps, options)
     _title("3. The agent drives the robot over topics: three processes, three terminals")
-    _drive(bag, expert / "expert.safetensors", drive, options)
-    _report(options.output, bag, expert, drive)
+    _drive(panda, options)
+    _title("4. The planar robot: a demonstration, and its expert")
+    _record("planar", planar, 400, options)
+    _clone(planar, 4_000, options)
+    _title("5. MC RLED learns over the graph: where the actor is unsure, the expert acts")
+    _learn(planar, options)
+    _title("6. Expert and learned policy side by side, on seen and unseen targets")
+    _run("rled_agent", "evaluate_agent", "--bag", planar / "bag", "--expert", planar / "expert/expert.safetensors",
+         "--agent", planar / "run/policy.safetensors", "--output", planar / "evaluation")  # fmt: skip
+    _report(panda, planar, options.output)
 
 
-def _drive(bag: Path, weights: Path, drive: Path, options: Options) -> None:
+def _record(robot: str, folder: Path, points: int, options: Options) -> None:
+    asked = ["--points", points, "--trajectories", options.trajectories, "--seed", options.seed]
+    bag = ["--output", folder / "bag", "--overwrite"]
+    _run("rled_teleop", "record_demos", *bag, "--operator", "scripted", "--robot", robot, *asked)
+
+
+def _clone(folder: Path, steps: int, options: Options) -> None:
+    _run("rled_agent", "train_expert", "--bag", folder / "bag", "--output", folder / "expert",
+         "--steps", steps, "--seed", options.seed)  # fmt: skip
+
+
+def _drive(folder: Path, options: Options) -> None:
     with Children() as children:
-        children.start(_typed("rled_sim", "sim_node", "--robot", "panda", "--start-points", bag,
-                              "--seed", options.seed + 1))  # fmt: skip
-        watch = children.start(
-            _typed("rled_agent", "watch_episodes", "--episodes", options.episodes, "--output", drive), capture=False
-        )
-        children.start(_typed("rled_agent", "agent_node", "--expert", weights))
-        children.wait(watch)
+        children.start(_simulation("panda", folder, options))
+        watch = _typed("rled_agent", "watch_episodes", "--episodes", options.episodes, "--output", folder / "drive")
+        watching = children.start(watch, capture=False)
+        children.start(_typed("rled_agent", "agent_node", "--expert", folder / "expert/expert.safetensors"))
+        children.wait(watching)
 
 
-def _report(output: Path, bag: Path, expert: Path, drive: Path) -> None:
-    driven = _read(drive / "episodes.json")
+def _learn(folder: Path, options: Options) -> None:
+    shutil.rmtree(folder / "run", ignore_errors=True)
+    with Children() as children:
+        children.start(_simulation("planar", folder, options))
+        command = _typed("rled_agent", "train_agent", "planar_mc_tuned", "--over", "graph", "--bag", folder / "bag",
+                         "--expert", folder / "expert/expert.safetensors", "--output", folder / "run",
+                         "--schedule.steps", options.learning_steps, "--seed", options.seed)  # fmt: skip
+        children.wait(children.start(command, capture=False))
+
+
+def _simulation(robot: str, folder: Path, options: Options) -> list[str]:
+    return _typed("rled_sim", "sim_node", "--robot", robot, "--start-points", folder / "bag",
+                  "--seed", options.seed + 1)  # fmt: skip
+
+
+def _report(panda: Path, planar: Path, output: Path) -> None:
+    driven = _read(panda / "drive/episodes.json")
     summary = {
-        "bag": str(bag),
-        "bag_messages": Bag(bag).message_count,
-        "expert_val_mse": _read(expert / "summary.json")["expert_val_mse"],
+        "bag": str(panda / "bag"),
+        "bag_messages": Bag(panda / "bag").message_count,
+        "expert_val_mse": _read(panda / "expert/summary.json")["expert_val_mse"],
         "targets_reached": driven["targets_reached"],
         "steps": driven["steps"],
         "episodes": driven["episodes"],
-        "path_picture": str(drive / "paths.png"),
+        "picture": str(panda / "drive/paths.png"),
+        "planar": _read(planar / "evaluation/evaluation.json"),
     }
     write_whole(output / "summary.json", json.dumps(summary, indent=2) + "\n")
     _title("Done")
     for name, value in summary.items():
-        print(f"  {name}: {value}")
-    print(f"  written to {output / 'summary.json'}")
+        if name != "planar":
+            print(f"  {name}: {value}")
+    print(f"  all figures in {output / 'summary.json'}")
 
 
 def _read(path: Path) -> dict[str, Any]:

@@ -134,11 +134,14 @@ class Network:
         return twin
 
     def first(self) -> "Network":
-        """The first member alone, sharing its weights; its gradients are its own and of no use."""
+        """The first member alone, sharing its weights and the memory of their gradients."""
         view = object.__new__(Network)
         view.architecture, view.squash, view.members, view.sizes = self.architecture, self.squash, 1, self.sizes
         view.parameters, view.gradients = self.parameters, self.gradients
-        view.layers = [Layer(each.weight[:1], each.bias[:1], each.weight, each.bias) for each in self.layers]
+        view.layers = [
+            Layer(each.weight[:1], each.bias[:1], each.weight_gradient[:1], each.bias_gradient[:1])
+            for each in self.layers
+        ]
         view._tapes = {}
         return view
 
@@ -238,5 +241,12 @@ class Network:
 
 
 def dropout_mask(shape: tuple[int, ...], probability: float, generator: torch.Generator) -> Tensor:
-    """Inverted dropout: 0 with ``probability``, else 1 / (1 − probability)."""
-    return torch.empty(shape).bernoulli_(1.0 - probability, generator=generator).div_(1.0 - probability)
+    """Inverted dropout: 0 with ``probability``, else the reciprocal of the probability to stay.
+
+    Four units share one 64-bit draw, several times faster than a Bernoulli draw each; the probability is met to 2⁻¹⁶.
+    """
+    count = math.prod(shape)
+    draws = torch.empty((count + 3) // 4, dtype=torch.int64).random_(-(2**63), None, generator=generator)
+    dropped = round(probability * 2**16)
+    kept = draws.view(torch.int16)[:count] >= dropped - 2**15
+    return kept.to(torch.float32).mul_(2**16 / (2**16 - dropped)).view(shape)

@@ -25,6 +25,7 @@ from rled_agent.expertise import Expertise, no_expertise, read_expertise
 from rled_agent.interval import Interval
 from rled_agent.policy import Policy
 from rled_agent.presets import PRESETS
+from rled_agent.rollout import EpisodeResult
 from rled_agent.run_directory import RunDirectory
 from rled_agent.trainer import Trainer
 
@@ -137,9 +138,9 @@ def _row(trainer: Trainer, started: float, first: int) -> dict[str, float]:
     row = {"step": float(trainer.step), **trainer.interval.row(), "updates": float(trainer.learner.updates)}
     row["steps_per_second"] = (trainer.step - first) / seconds
     trainer.interval = Interval()
-    if trainer.step % trainer.config.schedule.evaluate_every == 0:
-        row |= trainer.evaluate()
-    return row
+    due = trainer.step % trainer.config.schedule.evaluate_every == 0
+    results = trainer.evaluate() if due else dict.fromkeys(EpisodeResult._fields, np.nan)
+    return row | {f"evaluation_{name}": value for name, value in results.items()}
 
 
 def _show(row: dict[str, float], bar: "tqdm[Any]", board: SummaryWriter) -> None:
@@ -148,7 +149,7 @@ def _show(row: dict[str, float], bar: "tqdm[Any]", board: SummaryWriter) -> None
             board.add_scalar(name, value, int(row["step"]))
     shown = {
         "return": row["reward"],
-        "targets": row.get("evaluation_targets_reached", row["targets_reached"]),
+        "targets": row["targets_reached"],
         "demonstrated": row["demonstrated_share"],
         "uncertainty": row["qcd_median"],
     }

@@ -127,7 +127,7 @@ class Trainer:
             return scaling.denormalize_action(act(scaling.normalize_observation(observation))).astype(np.float32)
 
         results = roll_out(self.evaluation_env, physical, self.config.schedule.evaluation_episodes, EVALUATION_SEED)
-        return {f"evaluation_{name}": value for name, value in mean_result(results).items()}
+        return mean_result(results)
 
     def checkpoint(self) -> Checkpoint:
         """All state, taken where an interval of metrics has just been closed."""

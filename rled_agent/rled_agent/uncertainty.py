@@ -46,7 +46,8 @@ def qcd(low: Floats, high: Floats) -> float:
     Two quartiles at zero are no dispersion.
     """
     spread, total = np.abs(high - low), np.abs(high + low)
-    return float(np.mean(np.divide(spread, total, out=np.zeros_like(spread), where=spread > 0)))
+    with np.errstate(divide="ignore"):
+        return float(np.mean(np.divide(spread, total, out=np.zeros_like(spread), where=spread > 0)))
 
 
 def iqr(low: Floats, high: Floats) -> float:
@@ -74,6 +75,5 @@ class MonteCarlo:
         rows = torch.from_numpy(observation).expand(self._passes, -1)
         actions = self._actor.forward(rows, generator=self._generator)[0].numpy()  # (N, n)
         low, high = quartiles(actions)
-        with np.errstate(divide="ignore"):
-            uncertainty = {name: measure(low, high) for name, measure in MEASURES.items()}
+        uncertainty = {name: measure(low, high) for name, measure in MEASURES.items()}
         return Estimate(actions.mean(axis=0), uncertainty)

@@ -1,0 +1,191 @@
+"""Gradient steps per second against Stable-Baselines3, a plain eager TD3, and the matrix products alone."""
+
+import copy
+import statistics
+import time
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+from rled_agent.learner import Learner, LearnerConfig
+from rled_agent.networks import Architecture, Network
+from rled_agent.replay import Replay
+from rled_agent.uncertainty import MonteCarlo
+from torch import nn
+
+OBSERVATION, ACTION, BATCH, HIDDEN = 10, 7, 100, (400, 300)
+ROUNDS, STEPS = 9, 100
+
+
+@pytest.fixture(autouse=True)
+def _one_thread():
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    torch.set_flush_denormal(True)
+    yield
+    torch.set_num_threads(threads)
+
+
+def rates(contenders, steps=STEPS, rounds=ROUNDS):
+    """Calls per second of each contender, alternating, as lists over the rounds."""
+    seen = {name: [] for name in contenders}
+    for call in contenders.values():
+        for _ in range(20):
+            call()
+    for _ in range(rounds):
+        for name, call in contenders.items():
+            started = time.perf_counter()
+            for _ in range(steps):
+                call()
+            seen[name].append(steps / (time.perf_counter() - started))
+    return seen
+
+
+def ratio(seen, over, under):
+    """Median of the ratios within each round, so that a slow moment of the machine hits both."""
+    return statistics.median(a / b for a, b in zip(seen[over], seen[under], strict=True))
+
+
+def filled(replay):
+    replay.rows[:10_000] = np.random.default_rng(0).normal(size=(10_000, replay.rows.shape[1]))
+    replay.rows[:10_000, OBSERVATION + ACTION + 1] = 0
+    replay.added = 10_000
+    return replay
+
+
+def ours():
+    generator = torch.Generator().manual_seed(0)
+    learner = Learner(OBSERVATION, ACTION, LearnerConfig(), generator)
+    replay = filled(Replay(OBSERVATION, ACTION, 10_000))
+    return lambda: learner.update(replay.sample(BATCH, generator))
+
+
+def eager():
+    """TD3 as a textbook has it: autograd, torch.optim, one module a network."""
+    torch.manual_seed(0)
+
+    def perceptron(inputs, outputs, *end):
+        return nn.Sequential(
+            nn.Linear(inputs, 400), nn.ReLU(), nn.Linear(400, 300), nn.ReLU(), nn.Linear(300, outputs), *end
+        )
+
+    actor = perceptron(OBSERVATION, ACTION, nn.Tanh())
+    critics = nn.ModuleList(perceptron(OBSERVATION + ACTION, 1) for _ in range(2))
+    target_actor, target_critics = copy.deepcopy(actor), copy.deepcopy(critics)
+    actor_adam, critic_adam = torch.optim.Adam(actor.parameters()), torch.optim.Adam(critics.parameters())
+    replay = filled(Replay(OBSERVATION, ACTION, 10_000))
+    generator, count = torch.Generator().manual_seed(0), 0
+
+    def update():
+        nonlocal count
+        batch = replay.sample(BATCH, generator)
+        with torch.no_grad():
+            noise = (torch.randn_like(batch.action) * 0.2).clamp(-0.5, 0.5)
+            action = (target_actor(batch.next_observation) + noise).clamp(-1, 1)
+            after = torch.cat((batch.next_observation, action), 1)
+            value = torch.min(target_critics[0](after), target_critics[1](after))
+            target = batch.reward + 0.99 * (1 - batch.terminated) * value
+        here = torch.cat((batch.observation, batch.action), 1)
+        loss = sum(nn.functional.mse_loss(critic(here), target) for critic in critics)
+        critic_adam.zero_grad()
+        loss.backward()
+        critic_adam.step()
+        count += 1
+        if count % 2 == 0:
+            actor_loss = -critics[0](torch.cat((batch.observation, actor(batch.observation)), 1)).mean()
+            actor_adam.zero_grad()
+            actor_loss.backward()
+            actor_adam.step()
+            with torch.no_grad():
+                for old, new in ((target_actor, actor), (target_critics, critics)):
+                    for a, b in zip(old.parameters(), new.parameters(), strict=True):
+                        a.lerp_(b, 5e-3)
+
+    return update
+
+
+def stable_baselines():
+    sb3 = pytest.importorskip("stable_baselines3")
+    from stable_baselines3.common.logger import configure
+
+    env = gymnasium.make("rled/PandaReach-v0")
+    model = sb3.TD3("MlpPolicy", env, batch_size=BATCH, policy_kwargs={"net_arch": list(HIDDEN)}, device="cpu",
+                    learning_starts=0, buffer_size=10_000, seed=0)  # fmt: skip
+    model.set_logger(configure(None, []))
+    model.learn(0)
+    observation, _ = env.reset(seed=0)
+    for _ in range(2_000):
+        action = env.action_space.sample()
+        following, reward, terminated, truncated, info = env.step(action)
+        model.replay_buffer.add(observation[None], following[None], action[None], np.array([reward]),
+                                np.array([terminated]), [info])  # fmt: skip
+        observation = env.reset()[0] if terminated or truncated else following
+    return lambda: model.train(gradient_steps=1, batch_size=BATCH)
+
+
+def products():
+    """Every matrix product of a TD3 update, on operands of its own networks, and nothing else."""
+    generator = torch.Generator().manual_seed(0)
+
+    def operands(inputs, outputs):
+        sizes = (inputs, *HIDDEN, outputs)
+        weights = [torch.randn(a, b, generator=generator) for a, b in zip(sizes, sizes[1:], strict=False)]
+        rows = [torch.randn(BATCH, width, generator=generator) for width in sizes]
+        return weights, [each.clone() for each in weights], rows, [each.clone() for each in rows]
+
+    def forward(network):
+        weights, _, rows, _ = network
+        for k, weight in enumerate(weights):
+            torch.mm(rows[k], weight, out=rows[k + 1])
+
+    def backward(network, parameters=True, inputs_from=None):
+        weights, gradients, rows, errors = network
+        for k in range(len(weights) - 1, -1, -1):
+            if parameters:
+                torch.mm(rows[k].t(), errors[k + 1], out=gradients[k])
+            if k > 0:
+                torch.mm(errors[k + 1], weights[k].t(), out=errors[k])
+        if inputs_from is not None:
+            torch.mm(errors[1], weights[0][inputs_from:].t())
+
+    critics, target_critics = ([operands(OBSERVATION + ACTION, 1) for _ in range(2)] for _ in range(2))
+    actor, target_actor = operands(OBSERVATION, ACTION), operands(OBSERVATION, ACTION)
+    count = 0
+
+    @torch.inference_mode()
+    def update():
+        nonlocal count
+        forward(target_actor)
+        for each in (*target_critics, *critics):
+            forward(each)
+        for each in critics:
+            backward(each)
+        count += 1
+        if count % 2 == 0:
+            forward(actor)
+            forward(critics[0])
+            backward(critics[0], parameters=False, inputs_from=OBSERVATION)
+            backward(actor)
+
+    return update
+
+
+def test_the_learner_outpaces_stable_baselines_and_nears_the_matrix_products(figure):
+    seen = rates({"ours": ours(), "sb3": stable_baselines(), "eager": eager(), "bound": products()})
+    for name, values in seen.items():
+        figure(f"updates_per_s_{name}", statistics.median(values))
+    for other in ("sb3", "eager", "bound"):
+        figure(f"learner_vs_{other}", ratio(seen, "ours", other))
+    assert ratio(seen, "ours", "sb3") >= 1.8
+    assert ratio(seen, "ours", "bound") >= 0.8
+
+
+def test_the_gate_costs_little_more_than_one_forward_pass(figure):
+    generator = torch.Generator().manual_seed(0)
+    actor = Network(OBSERVATION, ACTION, Architecture(HIDDEN, dropout=0.1), generator, squash=True)
+    gate = MonteCarlo(actor, 30, generator)
+    rows, row = torch.randn(30, OBSERVATION), np.zeros(OBSERVATION, dtype=np.float32)
+    seen = rates({"forward": lambda: actor.forward(rows), "gate": lambda: gate(row)}, steps=1_000)
+    figure("gate_vs_forward", ratio(seen, "forward", "gate"))
+    assert ratio(seen, "forward", "gate") <= 2.5
