@@ -122,6 +122,8 @@ class Recorder(Node):
 
     def _flush(self) -> None:
         self._write(self._ordering.due())
+        if not self._described:
+            self.get_logger().info("waiting for a simulation", throttle_duration_sec=5.0, skip_first=True)
 
     def _write(self, messages: list[Received]) -> None:
         for message in messages:

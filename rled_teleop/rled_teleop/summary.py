@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from rled_msgs_py.bags import Bag
 from rled_msgs_py.records import TaskStatus
+from rled_msgs_py.tick import STATE_TOPICS
 from rled_msgs_py.topics import JOINT_DELTA, JOINT_STATES, MARKED_JOINT_STATES, TASK_STATUS
 
 
@@ -20,6 +21,7 @@ class Summary(NamedTuple):
         trajectories: targets reached after the last mark, ζᵇ.
         states: ticks.
         unanswered: ticks but the last that no delta answers.
+        lost: messages that must have been there: parts of a tick, or the state that a delta answers.
         seconds: of simulation time.
     """
 
@@ -29,13 +31,15 @@ class Summary(NamedTuple):
     trajectories: int
     states: int
     unanswered: int
+    lost: int
     seconds: float
 
     def __str__(self) -> str:
         answers = f" ({self.unanswered} without an answer)" if self.unanswered else ""
+        lost = f"; {self.lost} MESSAGES WERE LOST" if self.lost else ""
         return (
             f"{self.path}: {self.messages} messages, {self.points} points, {self.trajectories} trajectories, "
-            f"{self.states} states{answers}, {self.seconds:.2f} s of simulation"
+            f"{self.states} states{answers}, {self.seconds:.2f} s of simulation{lost}"
         )
 
 
@@ -55,8 +59,14 @@ def summarise(path: Path) -> Summary:
         trajectories=_targets_reached(bag, int(marks[-1]) if len(marks) else -1),
         states=len(states),
         unanswered=int((~np.isin(states[:-1], deltas)).sum()),
+        lost=_parts_missing(bag) + int((~np.isin(deltas, states)).sum()),
         seconds=float(states[-1] - states[0]) * 1e-9 if len(states) else 0.0,
     )
+
+
+def _parts_missing(bag: Bag) -> int:
+    parts = [bag.counts[topic.name] for topic in STATE_TOPICS]
+    return max(parts) * len(parts) - sum(parts)
 
 
 def _targets_reached(bag: Bag, after: int) -> int:

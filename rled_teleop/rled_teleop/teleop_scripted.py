@@ -67,7 +67,7 @@ class TeleopScripted(Node):
         subscribe(self, TASK_DESCRIPTION, self._on_task)
         subscribe(self, ROBOT_DESCRIPTION, self._on_robot)
         subscribe_ticks(self, self._on_tick)
-        self.create_timer(0.05, self._answer, clock=Clock(clock_type=ClockType.STEADY_TIME))  # subscribers come late
+        self.create_timer(0.05, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))  # subscribers come late
 
     def _on_task(self, text: Text) -> None:
         self._task = TaskDescription.from_json(text.data)
@@ -78,6 +78,12 @@ class TeleopScripted(Node):
     def _on_tick(self, tick: Tick) -> None:
         self._tick = tick
         self._answer()
+
+    def _on_timer(self) -> None:
+        self._answer()
+        if self._operator is None:
+            missing = "a simulation" if not self._urdf or self._task is None else "subscribers of joint_delta"
+            self.get_logger().info(f"waiting for {missing}", throttle_duration_sec=5.0, skip_first=True)
 
     def _answer(self) -> None:
         if self._tick is None or not self._ready():

@@ -114,6 +114,7 @@ def test_the_commands_and_a_summary_are_printed(recordings: tuple[Path, Path, st
     ]
     assert "40 points, 5 trajectories" in lines[-1]
     assert "without an answer" not in lines[-1]
+    assert "LOST" not in lines[-1]
 
 
 def test_the_points_asked_for_are_marked_on_the_curve(bag: Bag) -> None:
