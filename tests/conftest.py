@@ -12,12 +12,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hypothesis import settings
-from rled_msgs_py import topics
 from rled_msgs_py.bags import BagWriter
 from rled_msgs_py.records import DeltaCommand, JointSample, PoseSample, Record, TaskStatus, Text
 from rled_sim.kinematics import solve_position
 from rled_sim.robots import ROBOTS
 from rled_sim.tasks import reach_task
+
+from rled_msgs_py import topics
 
 DOMAINS = range(1, 102)  # 0 is everybody's default; above 101 the ports meet Linux's ephemeral ones
 

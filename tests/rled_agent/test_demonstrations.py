@@ -12,12 +12,13 @@ from rled_agent.demonstrations import (
     open_demonstrations,
     recorded_trajectories,
 )
-from rled_msgs_py import topics
 from rled_msgs_py.bags import Bag, BagWriter
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.records import DeltaCommand, JointSample, PoseSample, Text
 from rled_sim.robots import ROBOTS
 from rled_sim.tasks import reach_task
+
+from rled_msgs_py import topics
 
 PANDA, PLANAR = ROBOTS["panda"], ROBOTS["planar"]
 
@@ -191,7 +192,7 @@ def test_joints_of_other_names_are_refused(recording, read):
     for tick in (3, 4):
         recording.state(tick, [-0.8, 1.5], (0.6, 0.1, 0.1), [0.03, 0.01], names=("shoulder", "wrist"))
     recording.bag.close()
-    with pytest.raises(RledError, match="shoulder, wrist.*accepted: shoulder, elbow"):
+    with pytest.raises(RledError, match=r"shoulder, wrist.*accepted: shoulder, elbow"):
         read(Bag(recording.bag.path))
 
 

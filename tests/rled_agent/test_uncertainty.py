@@ -1,0 +1,100 @@
+import math
+
+import numpy as np
+import pytest
+import torch
+from rled_agent.networks import Architecture, Network, dropout_mask
+from rled_agent.uncertainty import MonteCarlo, iqr, qcd, quartiles
+
+
+def test_quartiles_of_five_values_are_the_second_and_the_fourth():
+    low, high = quartiles(np.array([[5.0, -1.0], [1.0, -2.0], [4.0, -3.0], [2.0, -4.0], [3.0, -5.0]]))
+    assert low.tolist() == [2.0, -4.0]
+    assert high.tolist() == [4.0, -2.0]
+
+
+def test_quartiles_between_values_are_interpolated():
+    low, high = quartiles(np.array([[1.0], [2.0], [3.0], [10.0]]))
+    assert (low[0], high[0]) == (1.75, 4.75)  # places 0.75 and 2.25
+
+
+@pytest.mark.parametrize("passes", [2, 3, 4, 7, 30, 101])
+def test_quartiles_equal_numpys(passes):
+    actions = np.random.default_rng(passes).normal(size=(passes, 7))
+    np.testing.assert_allclose(quartiles(actions), np.percentile(actions, [25, 75], axis=0), rtol=1e-12)
+
+
+def test_qcd_is_the_mean_over_the_components():
+    # |4 - 2| / |4 + 2| = 1/3 and |-2 + 4| / |-2 - 4| = 1/3; |1 - 0| / |1 + 0| = 1
+    assert qcd(np.array([2.0, -4.0]), np.array([4.0, -2.0])) == pytest.approx(1 / 3)
+    assert qcd(np.array([2.0, -4.0, 0.0]), np.array([4.0, -2.0, 1.0])) == pytest.approx(5 / 9)
+
+
+def test_qcd_of_two_quartiles_at_zero_is_no_dispersion():
+    assert qcd(np.zeros(2), np.zeros(2)) == 0.0
+    assert qcd(np.array([0.0, 2.0]), np.array([0.0, 4.0])) == pytest.approx(1 / 6)
+
+
+@pytest.mark.filterwarnings("error")
+def test_qcd_has_no_bound_around_zero():
+    assert qcd(np.array([-1.0]), np.array([1.0])) == math.inf
+    assert qcd(np.array([-0.99]), np.array([1.0])) == pytest.approx(199.0)
+
+
+def test_iqr_is_a_share_of_the_action_range():
+    assert iqr(np.array([-1.0, -1.0]), np.array([1.0, 1.0])) == 1.0
+    assert iqr(np.array([0.1, 0.3]), np.array([0.2, 0.6])) == pytest.approx((0.1 + 0.3) / 2 / 2)
+    assert iqr(np.array([0.3]), np.array([0.3])) == 0.0
+
+
+@pytest.fixture
+def actor() -> Network:
+    settings = Architecture(hidden=(16, 12), dropout=0.3)
+    return Network(4, 2, settings, torch.Generator().manual_seed(0), squash=True)
+
+
+def passes_one_by_one(actor: Network, observation: np.ndarray, passes: int, seed: int) -> np.ndarray:
+    """Each pass by itself, with the units dropped that the generator says, in plain numpy."""
+    drawing = torch.Generator().manual_seed(seed)
+    masks = [dropout_mask((1, passes, width), 0.3, drawing)[0].numpy() for width in (16, 12)]
+    weights = {name: each[0].numpy().astype(np.float64) for name, each in actor.named_parameters().items()}
+    actions = []
+    for k in range(passes):
+        h = observation.astype(np.float64)
+        for layer in range(3):
+            h = h @ weights[f"{layer}.weight"] + weights[f"{layer}.bias"][0]
+            if layer < 2:
+                h = np.maximum(h, 0.0) * masks[layer][k]
+        actions.append(np.tanh(h))
+    return np.array(actions)
+
+
+@pytest.mark.parametrize("passes", [2, 30])
+def test_estimate_equals_a_loop_over_the_passes(actor, passes):
+    observation = np.random.default_rng(1).normal(size=4).astype(np.float32)
+    actions = passes_one_by_one(actor, observation, passes, seed=9)
+    first, third = np.percentile(actions, [25, 75], axis=0)
+    estimate = MonteCarlo(actor, passes, torch.Generator().manual_seed(9))(observation)
+    np.testing.assert_allclose(estimate.mean, actions.mean(axis=0), atol=1e-6)
+    expected = np.mean([abs((b - a) / (b + a)) for a, b in zip(first, third, strict=True)])
+    assert estimate.uncertainty["qcd"] == pytest.approx(expected, rel=1e-4)
+    assert estimate.uncertainty["iqr"] == pytest.approx(np.mean(third - first) / 2, rel=1e-4)
+
+
+def test_every_call_drops_other_units(actor):
+    estimate, observation = MonteCarlo(actor, 30, torch.Generator().manual_seed(0)), np.ones(4, dtype=np.float32)
+    assert estimate(observation).uncertainty != estimate(observation).uncertainty
+
+
+def test_the_mean_outlives_the_next_pass(actor):
+    estimate, observation = MonteCarlo(actor, 30, torch.Generator().manual_seed(0)), np.ones(4, dtype=np.float32)
+    mean = estimate(observation).mean
+    before = mean.copy()
+    estimate(-observation)
+    np.testing.assert_array_equal(mean, before)
+
+
+def test_an_actor_without_dropout_is_sure():
+    actor = Network(4, 2, Architecture(hidden=(8,)), torch.Generator().manual_seed(0), squash=True)
+    estimate = MonteCarlo(actor, 30, torch.Generator())(np.ones(4, dtype=np.float32))
+    assert estimate.uncertainty == {"qcd": 0.0, "iqr": 0.0}
