@@ -37,13 +37,20 @@ def write_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
         CheckpointError: the disk is full or can't be written.
     """
     header = {"format": FORMAT, "version": str(VERSION), "state": json.dumps(checkpoint.state)}
+    write_tensors(path, checkpoint.tensors, header)
+
+
+def write_tensors(path: Path, tensors: dict[str, Tensor], header: dict[str, str]) -> None:
+    """Write a safetensors file whole.
+
+    Raises:
+        CheckpointError: the disk is full or can't be written.
+    """
     try:
         with whole_file(path) as temporary:
-            save_file({name: each.contiguous() for name, each in checkpoint.tensors.items()}, temporary, header)
+            save_file({name: each.contiguous() for name, each in tensors.items()}, temporary, header)
     except (OSError, SafetensorError) as error:
-        raise CheckpointError(
-            f"can't write {path} ({error})", "", "free disk space; the last good checkpoint is untouched"
-        ) from None
+        raise CheckpointError(f"can't write {path} ({error})", "", "free disk space; what stood there stays") from None
 
 
 def read_checkpoint(path: Path) -> Checkpoint:
@@ -53,7 +60,10 @@ def read_checkpoint(path: Path) -> Checkpoint:
         CheckpointError: missing, damaged, or of another program or version.
     """
     header, tensors = read_tensors(path, FORMAT, VERSION)
-    return Checkpoint(tensors, json.loads(header["state"]))
+    try:
+        return Checkpoint(tensors, json.loads(header["state"]))
+    except (KeyError, ValueError) as error:
+        raise damaged(path, FORMAT, f"header: {error}") from None
 
 
 def read_tensors(path: Path, form: str, version: int) -> tuple[dict[str, str], dict[str, Tensor]]:
@@ -69,8 +79,13 @@ def read_tensors(path: Path, form: str, version: int) -> tuple[dict[str, str], d
             header = file.metadata() or {}
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
     except (SafetensorError, OSError, RuntimeError) as error:
-        raise CheckpointError(f"{path} is damaged ({str(error).splitlines()[0]})", f"a whole {form} file") from None
+        raise damaged(path, form, str(error)) from None
     found = f"{header.get('format', 'of no format')} {header.get('version', '')}".strip()
     if found != f"{form} {version}":
         raise CheckpointError(f"{path} is {found}", f"{form} {version}", "make it again with this version")
     return header, tensors
+
+
+def damaged(path: Path, form: str, why: str) -> CheckpointError:
+    """The error of a file that is not whole."""
+    return CheckpointError(f"{path} is damaged ({why.partition(chr(10))[0]})", f"a whole {form} file")

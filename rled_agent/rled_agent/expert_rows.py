@@ -7,7 +7,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from rled_agent.demonstrations import JoinedPoints
+from rled_agent.demonstrations import DemonstrationError, JoinedPoints
 from rled_agent.scaling import Scaling
 
 
@@ -21,10 +21,19 @@ class ExpertRows:
     Attributes:
         demonstrations: ζᵇ.
         scaling: of the rows.
+
+    Raises:
+        DemonstrationError: points so near to each other that no transition leads to a target not yet reached.
     """
 
     demonstrations: JoinedPoints
     scaling: Scaling
+
+    def __post_init__(self) -> None:
+        points, tolerance = self.demonstrations.points.positions, self.demonstrations.task.tolerance
+        if (_squared(points - points[0]) < tolerance).all():
+            what = "all marked points lie within the tolerance of one target"
+            raise DemonstrationError(what, f"points {tolerance**0.5:.3g} m apart or more", "mark more of the curve")
 
     def sample(self, size: int, generator: np.random.Generator) -> Tensor:
         """Rows (s, a, r, terminated, s'), normalised as in ``Replay``, shape (size, 2o + n + 2)."""

@@ -7,11 +7,9 @@ from pathlib import Path
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from rled_msgs_py.files import whole_file
 from rled_msgs_py.task import TaskDescription
-from safetensors.torch import save_file
 
-from rled_agent.checkpoint import CheckpointError, read_tensors
+from rled_agent.checkpoint import CheckpointError, damaged, read_tensors, write_tensors
 from rled_agent.networks import Architecture, Network
 from rled_agent.scaling import Scaling
 
@@ -36,12 +34,16 @@ class Policy:
 
     def act(self, observation: NDArray[np.floating]) -> NDArray[np.float64]:
         """Action (rad), shape (..., n), of an observation, shape (..., o)."""
-        rows = np.atleast_2d(self.scaling.normalize_observation(observation))
+        rows = self.scaling.normalize_observation(observation).reshape(-1, observation.shape[-1])
         action = self.network.forward(torch.from_numpy(rows))[0].numpy()
         return self.scaling.denormalize_action(action.reshape(*observation.shape[:-1], -1))
 
     def save(self, path: Path) -> None:
-        """Write weights and scaling as safetensors, architecture and task in its header."""
+        """Write weights and scaling as safetensors, architecture and task in its header.
+
+        Raises:
+            CheckpointError: the disk is full or can't be written.
+        """
         tensors = {f"network.{name}": tensor for name, tensor in self.network.named_parameters().items()}
         tensors |= {name: torch.from_numpy(np.array(getattr(self.scaling, name))) for name in SCALING}
         header = {
@@ -50,8 +52,7 @@ class Policy:
             "architecture": json.dumps(asdict(self.network.architecture)),
             "task": self.task.to_json(),
         }
-        with whole_file(path) as temporary:
-            save_file(tensors, temporary, metadata=header)
+        write_tensors(path, tensors, header)
 
 
 def load_policy(path: Path) -> Policy:
@@ -61,9 +62,12 @@ def load_policy(path: Path) -> Policy:
         CheckpointError: missing, damaged, of another program or version, or of other shapes.
     """
     header, tensors = read_tensors(path, FORMAT, VERSION)
-    task = TaskDescription.from_json(header["task"])
-    saved = json.loads(header["architecture"])
-    architecture = Architecture(**saved | {"hidden": tuple(saved["hidden"])})
+    try:
+        description, saved = header["task"], json.loads(header["architecture"])
+        architecture = Architecture(**saved | {"hidden": tuple(saved["hidden"])})
+    except (KeyError, TypeError, ValueError) as error:
+        raise damaged(path, FORMAT, f"header: {error}") from None
+    task = TaskDescription.from_json(description)
     sizes = len(task.observation_bounds()[0]), task.action_size
     network = Network(*sizes, architecture, torch.Generator(), squash=True)
     for name, parameter in network.named_parameters().items():

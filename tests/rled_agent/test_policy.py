@@ -1,0 +1,143 @@
+import json
+import pickle
+from dataclasses import asdict, replace
+
+import numpy as np
+import pytest
+import torch
+from rled_agent.checkpoint import CheckpointError
+from rled_agent.policy import load_policy
+from rled_msgs_py.errors import ContractError, RledError
+from rled_sim.robots import ROBOTS
+from rled_sim.tasks import reach_task
+from safetensors import safe_open
+from safetensors.torch import load_file, save_file
+
+OBSERVATIONS = np.random.default_rng(0).uniform(-1, 1, (50, 4))
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "policies" / "expert.safetensors"
+
+
+@pytest.fixture
+def changed(path, make_policy):
+    """Writes a policy with header entries or tensors replaced; None takes them out."""
+
+    def write(header=(), **tensors):
+        make_policy().save(path)
+        with safe_open(path, "pt") as file:
+            written = {name: value for name, value in (file.metadata() | dict(header)).items() if value is not None}
+        saved = {name: each for name, each in (load_file(path) | tensors).items() if each is not None}
+        save_file(saved, path, written)
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize(
+    "settings", [{}, {"activation": "leaky_relu", "layer_norm": True, "dropout": 0.2}, {"hidden": ()}]
+)
+def test_a_policy_comes_back_bit_for_bit(path, make_policy, settings):
+    policy = make_policy(3, **settings)
+    policy.save(path)
+    loaded = load_policy(path)
+    assert loaded.task == policy.task
+    assert loaded.network.architecture == policy.network.architecture
+    np.testing.assert_array_equal(loaded.act(OBSERVATIONS), policy.act(OBSERVATIONS))
+
+
+def test_actions_are_physical_and_bounded(make_policy):
+    policy = make_policy()
+    policy.network.parameters.mul_(100.0)
+    actions = policy.act(10 * OBSERVATIONS)
+    assert np.abs(actions).max() == pytest.approx(policy.task.max_delta)
+
+
+def test_one_observation_or_a_batch_gives_the_same(make_policy):
+    policy = make_policy()
+    batch = policy.act(OBSERVATIONS.reshape(5, 10, 4))
+    assert batch.shape == (5, 10, 2)
+    single = policy.act(OBSERVATIONS[7])
+    assert single.shape == (2,)
+    np.testing.assert_allclose(single, batch[0, 7], atol=1e-7)
+
+
+def test_acting_takes_the_observation_through_the_scaling(make_policy):
+    policy = make_policy()
+    policy.network.parameters.zero_()
+    policy.network.named_parameters()["2.bias"].copy_(torch.tensor([[[0.5, -0.5]]]))
+    np.testing.assert_allclose(policy.act(OBSERVATIONS[0]), 0.1 * np.tanh([0.5, -0.5]), rtol=1e-6)
+
+
+def test_a_missing_policy_is_refused(path):
+    with pytest.raises(CheckpointError, match=r"there is no .*expert"):
+        load_policy(path)
+
+
+def test_a_truncated_policy_is_refused(path, make_policy):
+    make_policy().save(path)
+    whole = path.read_bytes()
+    for length in (0, 7, 200, len(whole) - 1):
+        path.write_bytes(whole[:length])
+        with pytest.raises(CheckpointError, match="damaged"):
+            load_policy(path)
+
+
+@pytest.mark.parametrize(
+    ("header", "what"),
+    [
+        ({"version": "2"}, "is rled-policy 2; accepted: rled-policy 1"),
+        ({"format": "another"}, "is another 1; accepted: rled-policy 1"),
+        ({"format": None}, "of no format"),
+        ({"architecture": None}, "damaged"),
+        ({"architecture": "{"}, "damaged"),
+        ({"architecture": json.dumps({"width": 3})}, "damaged"),
+        ({"task": None}, "damaged"),
+        ({"task": "{}"}, "task description"),
+    ],
+)
+def test_another_version_or_a_damaged_header_is_refused(changed, header, what):
+    with pytest.raises(RledError, match=what) as caught:
+        load_policy(changed(header))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("tensors", "what"),
+    [
+        ({"network.0.weight": torch.zeros(1, 5, 8)}, r"\(1, 5, 8\) as network.0.weight; accepted: \(1, 4, 8\)"),
+        ({"network.1.bias": None}, r"nothing as network.1.bias; accepted: \(1, 1, 6\)"),
+        ({"observation_scale": torch.ones(3)}, r"\(3,\) as observation_scale; accepted: \(4,\)"),
+    ],
+)
+def test_weights_of_another_shape_are_refused(changed, tensors, what):
+    with pytest.raises(CheckpointError, match=what):
+        load_policy(changed(**tensors))
+
+
+def test_a_header_of_another_architecture_is_refused(changed, make_policy):
+    wider = asdict(replace(make_policy().network.architecture, hidden=(9, 6)))
+    with pytest.raises(CheckpointError, match=r"network.0.weight"):
+        load_policy(changed({"architecture": json.dumps(wider)}))
+
+
+def test_a_pickle_is_refused(path):
+    path.parent.mkdir()
+    path.write_bytes(pickle.dumps({"weights": [1.0]}))
+    with pytest.raises(CheckpointError, match="damaged"):
+        load_policy(path)
+
+
+def test_a_policy_of_another_robot_does_not_fit_a_task(path, make_policy, task):
+    panda = reach_task(ROBOTS["panda"]).description
+    make_policy(task=panda).save(path)
+    with pytest.raises(ContractError, match="the policy is for robot panda; accepted: planar"):
+        task.require_same_robot(load_policy(path).task, "the policy")
+
+
+def test_a_policy_that_cannot_be_written_is_one_clear_error(tmp_path, make_policy):
+    (tmp_path / "file").touch()
+    with pytest.raises(CheckpointError, match=r"can't write .*policy"):
+        make_policy().save(tmp_path / "file" / "policy.safetensors")
