@@ -1,7 +1,9 @@
 """Settings of a training run."""
 
 import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from operator import attrgetter
 from typing import Any, Literal
 
 from rled_msgs_py.errors import RledError
@@ -12,6 +14,18 @@ from rled_agent.uncertainty import Measure
 
 class ConfigError(RledError):
     """A setting out of its range."""
+
+
+def require_ranges(settings: Any, ranges: Mapping[str, tuple[float, float]]) -> None:
+    """Refuse settings outside closed ranges, by dotted name; of a tuple, each part is looked at.
+
+    Raises:
+        ConfigError: names the setting, its value and the range.
+    """
+    for name, (low, high) in ranges.items():
+        value = attrgetter(name)(settings)
+        if not all(low <= each <= high for each in (value if isinstance(value, tuple) else (value,))):
+            raise ConfigError(f"{name} is {value}", f"{low:g} to {high:g}")
 
 
 @dataclass(frozen=True)
@@ -51,7 +65,7 @@ class ScheduleConfig:
     capacity: int = 1_000_000
     """transitions kept for replay"""
     evaluate_every: int = 5_000
-    """steps between evaluations"""
+    """steps between evaluations, a multiple of log_every"""
     evaluation_episodes: int = 20
     """episodes in an evaluation"""
     log_every: int = 1_000
@@ -75,22 +89,11 @@ class TrainConfig:
     learner: LearnerConfig = field(default_factory=LearnerConfig)
 
     def __post_init__(self) -> None:
-        for name, (low, high) in RANGES.items():
-            value = self.value(name)
-            if not low <= value <= high:
-                raise ConfigError(f"{name} is {value}", f"{low:g} to {high:g}")
-        if self.schedule.checkpoint_every % self.schedule.log_every:
-            raise ConfigError(
-                f"schedule.checkpoint_every is {self.schedule.checkpoint_every}",
-                f"a multiple of schedule.log_every ({self.schedule.log_every})",
-            )
-
-    def value(self, name: str) -> Any:
-        """A setting by its dotted name."""
-        owner: Any = self
-        for part in name.split("."):
-            owner = getattr(owner, part)
-        return owner
+        require_ranges(self, RANGES)
+        for name in ("evaluate_every", "checkpoint_every"):
+            value, log_every = getattr(self.schedule, name), self.schedule.log_every
+            if value % log_every:
+                raise ConfigError(f"schedule.{name} is {value}", f"a multiple of schedule.log_every ({log_every})")
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, for JSON."""
@@ -98,7 +101,10 @@ class TrainConfig:
 
 
 MANY = 10**12
+SEEDS = (0, 2**63 - 1)
+WIDTHS = (1, 100_000)
 RANGES: dict[str, tuple[float, float]] = {
+    "seed": SEEDS,
     "behaviour.phi": (0, 1),
     "behaviour.threshold": (0, MANY),
     "behaviour.passes": (2, 10_000),
@@ -124,7 +130,9 @@ RANGES: dict[str, tuple[float, float]] = {
     "learner.target_noise": (0, 10),
     "learner.target_clip": (0, 10),
     "learner.cloning_weight": (0, 1e6),
+    "learner.actor.hidden": WIDTHS,
     "learner.actor.dropout": (0, 0.95),
+    "learner.critic.hidden": WIDTHS,
     "learner.critic.dropout": (0, 0),
 }
 """Closed ranges; the update drops no units of a critic."""

@@ -11,6 +11,7 @@ from rled_msgs_py.errors import RledError
 from torch import Tensor
 
 from rled_agent.adam import Adam
+from rled_agent.config import MANY, WIDTHS, require_ranges
 from rled_agent.demonstrations import Demonstrations, StateActions
 from rled_agent.networks import Architecture, Network
 from rled_agent.policy import Policy
@@ -39,6 +40,21 @@ class ExpertConfig:
     steps: int = 20_000
     validation_share: float = 0.1
     validate_every: int = 250
+
+    def __post_init__(self) -> None:
+        require_ranges(self, RANGES)
+
+
+RANGES: dict[str, tuple[float, float]] = {
+    "architecture.hidden": WIDTHS,
+    "architecture.dropout": (0, 0),
+    "learning_rate": (0, 1),
+    "batch_size": (1, 1_000_000),
+    "steps": (1, MANY),
+    "validation_share": (0, 1),
+    "validate_every": (1, MANY),
+}
+"""Closed ranges; cloning drops no units."""
 
 
 class CurvePoint(NamedTuple):

@@ -14,6 +14,7 @@ from rled_msgs_py.errors import command_line
 from rled_msgs_py.files import write_whole
 from tqdm import tqdm
 
+from rled_agent.config import SEEDS, require_ranges
 from rled_agent.demonstrations import open_demonstrations
 from rled_agent.expert import CurvePoint, ExpertConfig, clone_expert
 from rled_agent.plots import draw_learning_curve
@@ -42,6 +43,7 @@ class Options:
 def main() -> None:
     """Run the command."""
     options = tyro.cli(Options, prog="train_expert")
+    require_ranges(options, {"seed": SEEDS})
     torch.set_num_threads(1)
     demonstrations = open_demonstrations(options.bag, options.source)
     print(f"{len(demonstrations):,} demonstrated transitions of robot {demonstrations.task.robot}")
