@@ -11,14 +11,16 @@ import tyro
 from rled_msgs_py.bags import Bag
 from rled_msgs_py.errors import RledError, command_line
 from rled_msgs_py.files import write_whole
+from rled_msgs_py.task import TaskDescription
 from rled_sim.kinematics import Chain
 from rled_sim.robots import robot_named
 from rled_sim.tasks import reach_task
 from tqdm import tqdm
 
+from rled_agent.config import MANY, SEEDS, require_ranges
 from rled_agent.demonstrations import demonstration_points
 from rled_agent.evaluation import Band, Motion, Score, move, score, seen_band, unseen_band
-from rled_agent.plots import draw_tool_paths
+from rled_agent.plots import Floats, draw_tool_paths
 from rled_agent.policy import Policy, load_policy
 
 
@@ -51,6 +53,7 @@ class Options:
 def main() -> None:
     """Run the command."""
     options = tyro.cli(Options, prog="evaluate_agent")
+    require_ranges(options, {"targets": (1, 100_000), "steps": (1, MANY), "seed": SEEDS})
     torch.set_num_threads(1)
     if list(options.bands) != sorted(set(options.bands)) or len(options.bands) < 2:
         raise RledError(f"bands {options.bands}", "two or more growing distances in metres")
@@ -71,11 +74,12 @@ def _evaluate(bag: Bag, policies: Mapping[str, Policy], options: Options) -> dic
     task = bag.task
     chain = Chain.from_urdf(bag.robot_description, task.tip_link, task.joint_names)
     risky = reach_task(robot_named(task.robot)).risky
+    known = demonstration_points(bag).positions
     results: dict[str, dict[str, Score]] = {}
     for band in tqdm(_bands(bag, chain, options), unit="band", dynamic_ncols=True):
         motions = {name: move(task, chain, policy.act, band, options.steps) for name, policy in policies.items()}
         results[band.name] = {name: score(task, each, risky) for name, each in motions.items()}
-        _draw(options.output / f"paths_{band.name.replace(' ', '_')}.png", band, motions, len(task.axes))
+        _draw(options.output / f"paths_{band.name.replace(' ', '_')}.png", band, known, motions, task)
     return results
 
 
@@ -87,10 +91,12 @@ def _bands(bag: Bag, chain: Chain, options: Options) -> list[Band]:
     return [seen_band(points, options.targets, generator), *unseen]
 
 
-def _draw(path: Path, band: Band, motions: Mapping[str, list[Motion]], axes: int) -> None:
+def _draw(path: Path, band: Band, known: Floats, motions: Mapping[str, list[Motion]], task: TaskDescription) -> None:
     paths = {name: [motion.positions for motion in each[:20]] for name, each in motions.items()}
-    plane = (0, 1) if axes == 2 else (1, 2)
-    draw_tool_paths(path, band.targets[:20], paths, plane, f"Targets {band.name}: 20 of {len(band.targets)}")
+    plane = (0, 1) if len(task.axes) == 2 else (1, 2)
+    title = f"{task.robot}: targets {band.name}, {len(band.targets[:20])} of {len(band.targets)}"
+    goals = band.targets[:20]
+    draw_tool_paths(path, ("demonstrated points", known), goals, paths, plane, task.tolerance**0.5, title)
 
 
 def _print_table(results: Mapping[str, Mapping[str, Score]]) -> None:

@@ -13,7 +13,7 @@ from rled_agent.demonstrations import joined_points
 from rled_agent.environments import Environment, bounds, task_of
 from rled_agent.expert_rows import ExpertRows
 from rled_agent.policy import load_policy
-from rled_agent.scaling import Scaling, scaling_of_bounds
+from rled_agent.scaling import Scaling, scaling_of_bounds, scaling_of_points
 
 
 class Expertise(NamedTuple):
@@ -38,7 +38,8 @@ def no_expertise(env: Environment, config: TrainConfig) -> Expertise:
     """
     if config.behaviour.name == "gate" or config.behaviour.phi > 0 or config.schedule.expert_share > 0:
         raise RledError("these settings need an expert", "--bag and --expert", "or --behaviour.phi 0")
-    return Expertise(None, None, _scaling(env))
+    scaling = scaling_of_bounds(bounds(env.observation_space), bounds(env.action_space))
+    return Expertise(None, None, scaling)
 
 
 def read_expertise(env: Environment, bag: Bag, expert: Path, config: TrainConfig) -> Expertise:
@@ -53,10 +54,7 @@ def read_expertise(env: Environment, bag: Bag, expert: Path, config: TrainConfig
     policy = load_policy(expert)
     task.require_same_robot(bag.task, "the bag")
     task.require_same_robot(policy.task, "the expert")
-    scaling = _scaling(env)
-    rows = ExpertRows(replace(joined_points(bag), task=task), scaling)
+    demonstrations = replace(joined_points(bag), task=task)
+    scaling = scaling_of_points(task, demonstrations.points.positions, demonstrations.points.joints)
+    rows = ExpertRows(demonstrations, scaling)
     return Expertise(policy_source(policy, scaling), rows, scaling)
-
-
-def _scaling(env: Environment) -> Scaling:
-    return scaling_of_bounds(bounds(env.observation_space), bounds(env.action_space))

@@ -6,7 +6,9 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import PatchCollection
 from matplotlib.figure import Figure
+from matplotlib.patches import Circle
 from numpy.typing import NDArray
 from rled_msgs_py.files import whole_file
 
@@ -38,24 +40,60 @@ def draw_learning_curve(path: Path, curve: Sequence[CurvePoint]) -> None:
 
 
 def draw_tool_paths(
-    path: Path, targets: Floats, paths: Mapping[str, Sequence[Floats]], plane: tuple[int, int], title: str
+    path: Path,
+    known: tuple[str, Floats],
+    goals: Floats,
+    paths: Mapping[str, Sequence[Floats]],
+    plane: tuple[int, int],
+    radius: float,
+    title: str,
 ) -> None:
-    """End-effector paths and targets, seen along the axis that is left out.
+    """End-effector paths on their way to targets, seen along the axis that is left out.
 
     Args:
         path: PNG to write.
-        targets: target points (m), shape (k, 3).
-        paths: by name, the paths (m) of its episodes, each of shape (t, 3).
+        known: name of the points drawn small and grey, and the points (m), shape (k, 3).
+        goals: targets drawn with the circle in which they count as reached (m), shape (g, 3).
+        paths: by name, the paths (m) of its episodes, each of shape (t, 3); the last name is drawn on top.
         plane: the two position axes to draw.
+        radius: of that circle (m).
         title: above the picture.
     """
-    first, second = plane
-    with picture(path, 8.0, 5.0) as axes:
-        axes.plot(targets[:, first], targets[:, second], "o", color="0.6", markersize=5, label="targets", zorder=1)
-        for k, (name, episodes) in enumerate(paths.items()):
-            for j, each in enumerate(episodes):
-                label = name if j == 0 else None
-                axes.plot(each[:, first], each[:, second], color=f"C{k}", linewidth=0.8, alpha=0.7, label=label)
+    columns = list(plane)
+    groups = {name: [each[:, columns] for each in group] for name, group in paths.items()}
+    name, dots = known
+    shown = np.concatenate(
+        [dots[:, columns], goals[:, columns], *(each for group in groups.values() for each in group)]
+    )
+    with picture(path, *_size(shown, 2.0 * radius)) as axes:
+        axes.plot(*dots[:, columns].T, ".", color="0.7", markersize=4, label=name, zorder=1)
+        for k, (name, group) in enumerate(groups.items()):
+            _draw_group(axes, name, group, f"C{k}")
+        _draw_goals(axes, goals[:, columns], radius)
         labels = PLANES[plane]
         axes.set(xlabel=f"{labels[0]} (m)", ylabel=f"{labels[1]} (m)", title=title, aspect="equal")
-        axes.legend(loc="upper right")
+        for line in axes.figure.legend(loc="outside lower center", ncols=2, frameon=False).get_lines():
+            line.set_alpha(1.0)
+
+
+def _size(points: Floats, margin: float) -> tuple[float, float]:
+    """Width and height (inches) of a picture that points (m), shape (k, 2), fill at equal scales."""
+    width, height = np.ptp(points, axis=0) + margin
+    scale = min(7.0 / width, 6.0 / height)
+    return max(width * scale, 5.0) + 1.0, max(height * scale, 1.5) + 1.5
+
+
+def _draw_group(axes: Axes, name: str, group: Sequence[Floats], color: str) -> None:
+    """Paths (m), shape (t, 2) each; the more there is of them, the fainter."""
+    strength = float(np.clip(300.0 / sum(map(len, group)), 0.25, 0.9))
+    for j, each in enumerate(group):
+        axes.plot(
+            *each.T, ".-", color=color, linewidth=1.2, markersize=3, alpha=strength, label=name if j == 0 else None
+        )
+
+
+def _draw_goals(axes: Axes, goals: Floats, radius: float) -> None:
+    circles = [Circle((x, y), radius) for x, y in goals.tolist()]
+    axes.add_collection(PatchCollection(circles, facecolor="none", edgecolor="C3", alpha=0.35, zorder=3))
+    label = f"goal, reached within {100 * radius:.1f} cm"
+    axes.plot(*goals.T, "o", color="C3", markersize=4, label=label, zorder=4)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from rled_msgs_py.errors import RledError
+from rled_msgs_py.task import TaskDescription
 
 Floats = NDArray[np.float64]
 
@@ -71,3 +72,27 @@ def scaling_of_samples(observations: Floats, action: tuple[Floats, Floats]) -> S
     bounds = scaling_of_bounds((observations.min(axis=0), observations.max(axis=0)), action)
     scale = np.where(deviation > 1e-6, deviation, 1.0)
     return Scaling(observations.mean(axis=0), scale, bounds.action_center, bounds.action_scale)
+
+
+def scaling_of_points(task: TaskDescription, positions: Floats, joints: Floats) -> Scaling:
+    """The map of a learner that leaves the demonstrated states but starts at them.
+
+    Lengths are measured in halves of the demonstrated extent, angles in radians, both from the demonstrated mean. The
+    deviation of demonstrated states would not do: some joints hardly move in a demonstration, and an exploring robot
+    is then hundreds of deviations away.
+
+    Args:
+        task: robot and task.
+        positions: demonstrated end-effector positions (m), shape (k, 3).
+        joints: demonstrated joint angles (rad), shape (k, n).
+    """
+    axes = list(task.axes)
+    extent = float(np.ptp(positions[:, axes], axis=0).max()) / 2.0
+    lengths, mean = np.full(len(axes), extent), positions[:, axes].mean(axis=0)
+    limit = np.full(task.action_size, task.max_delta)
+    if task.observation == "displacement_and_joints":
+        center = np.concatenate([np.zeros(len(axes)), joints.mean(axis=0)])
+        scale = np.concatenate([lengths, np.ones(task.action_size)])
+    else:
+        center, scale = np.concatenate([mean, mean]), np.concatenate([lengths, lengths])
+    return Scaling(center, scale, np.zeros(task.action_size), limit)

@@ -89,9 +89,12 @@ def summarize(episodes: list[Episode]) -> dict[str, Any]:
 
 def _draw(path: Path, episodes: list[Episode], task: TaskDescription) -> None:
     targets = np.unique(np.concatenate([np.array(e.targets) for e in episodes]), axis=0)
-    paths = {"end effector": [np.array(e.path) for e in episodes]}
+    first, others = [np.array(episodes[0].path)], [np.array(e.path) for e in episodes[1:]]
+    paths = ({"the other episodes": others} if others else {}) | {"first episode": first}
     plane = (0, 1) if len(task.axes) == 2 else (1, 2)
-    draw_tool_paths(path, targets, paths, plane, f"{task.robot}: {len(episodes)} episodes over topics")
+    title = f"{task.robot}: end effector in {len(episodes)} episodes over topics"
+    goals = np.array(episodes[0].targets)
+    draw_tool_paths(path, ("targets of all episodes", targets), goals, paths, plane, task.tolerance**0.5, title)
 
 
 def main() -> None:
