@@ -38,7 +38,7 @@ demo: setup ## Record a demonstration, learn it, drive the robot; results in out
 	$(BIN)/demo $(ARGS)
 
 test: setup ## Run the tests (ARGS="-k bag" chooses some).
-	$(BIN)/python -m pytest tests --ignore=tests/bench $(ARGS)
+	$(BIN)/python -m pytest tests --ignore=tests/bench -n 2 --dist loadfile $(ARGS)
 
 check: setup ## Lint, formatting, strict types, Dockerfile.
 	$(BIN)/ruff check .
