@@ -107,8 +107,8 @@ def solve_position(
 ) -> Array:
     """Joint angles that bring the tip to a point, near ``start`` where it can be.
 
-    Damped least squares, the damping proportional to the squared error (Sugihara 2011), joints held at the limit that
-    they push against. When it gets stuck it begins again from points spread evenly over the joint space.
+    Damped least squares, the damping proportional to the squared error (Sugihara 2011), clipped to the joint limits.
+    Where it gets stuck it begins again from points spread evenly over the joint space.
 
     Args:
         chain: the robot.
@@ -149,8 +149,6 @@ def _descend(
         if squared <= tolerance**2:
             break
         jacobian = chain.jacobian(q)  # (3, n)
-        pull = error @ jacobian
-        jacobian = jacobian * ~((q <= lower) & (pull < 0) | (q >= upper) & (pull > 0))
         damped = jacobian @ jacobian.T + (squared + 1e-9) * np.eye(3)
         q = np.clip(q + jacobian.T @ np.linalg.solve(damped, error), lower, upper)
     return q, float(np.linalg.norm(goal - chain.position(q)))

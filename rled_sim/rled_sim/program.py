@@ -113,7 +113,7 @@ class Tape:
         constant = sum(coefficient * value for coefficient, value in terms if isinstance(value, float))
         columns = [term for term in terms if term[0] != 0.0 and not isinstance(term[1], float)]
         total: Value = float(constant)
-        for coefficient, value in sorted(columns, key=lambda term: term[0] == -1.0):
+        for coefficient, value in columns:
             total = self._plus(total, coefficient, value)
         return total
 

@@ -117,6 +117,8 @@ def test_real_time_carries_out_the_newest_command_once(world):
     np.testing.assert_allclose(ticks[2].joints.position, (-0.89, 1.8), atol=1e-15)
     np.testing.assert_array_equal(ticks[3].joints.position, ticks[2].joints.position)
     assert [tick.status.step for tick in ticks] == [0, 0, 1, 1]
+    assert ticks[2].status.reward < 0.0
+    assert ticks[3].status.reward == 0.0
 
 
 @pytest.mark.parametrize(("age", "fresh"), [(5, True), (6, False)])
@@ -227,6 +229,12 @@ def test_stamps_are_whole_periods_and_no_answer_is_carried_out_twice(world, rule
     steps = sum(after.status.step > before.status.step for before, after in pairwise(ticks))
     assert steps <= taken
     assert all(tick.status.step <= 5 for tick in ticks)
+
+
+def test_largest_displacement_as_a_float32_is_taken():
+    # float32(0.1) is a little more than 0.1
+    most = float(np.float32(0.1))
+    assert displacement(answer(0, (most, -most)), reach_task(ROBOTS["planar"]).description) == [most, -most]
 
 
 def test_command_in_another_order_is_brought_into_order():

@@ -72,6 +72,12 @@ def test_fifteenth_target_terminates():
     assert episode.over
 
 
+def test_last_target_stays():
+    episode = begun(reach_task(PANDA, targets_per_episode=1), target=away(0.01))
+    episode.advance((0.0,) * 7, HERE, np.random.default_rng(0))
+    assert episode.target == away(0.01)
+
+
 def test_step_999_truncates():
     episode, rng = begun(reach_task(PANDA), target=away(0.3)), np.random.default_rng(0)
     outcomes = [episode.advance((0.0,) * 7, HERE, rng) for _ in range(999)]
