@@ -49,8 +49,21 @@ def write_tensors(path: Path, tensors: dict[str, Tensor], header: dict[str, str]
     try:
         with whole_file(path) as temporary:
             save_file({name: each.contiguous() for name, each in tensors.items()}, temporary, header)
+            _sort_header(temporary)
     except (OSError, SafetensorError) as error:
         raise CheckpointError(f"can't write {path} ({error})", "", "free disk space; what stood there stays") from None
+
+
+def _sort_header(path: Path) -> None:
+    """Bring the texts of a header into one order: the library's differs from call to call, and with it the file."""
+    with path.open("r+b") as file:
+        size = int.from_bytes(file.read(8), "little")
+        header = json.loads(file.read(size))
+        header["__metadata__"] = dict(sorted(header["__metadata__"].items()))
+        text = json.dumps(header, separators=(",", ":"), ensure_ascii=False).encode()
+        assert len(text) <= size
+        file.seek(8)
+        file.write(text.ljust(size))
 
 
 def read_checkpoint(path: Path) -> Checkpoint:

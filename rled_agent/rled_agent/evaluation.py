@@ -35,7 +35,7 @@ class Motion:
     """One motion towards one target.
 
     Attributes:
-        reached: within the task's tolerance before the steps ran out.
+        reached: within the task's tolerance after a step, before the steps ran out.
         positions: end effector from start to end (m), shape (t, 3).
         joints: joint angles from start to end (rad), shape (t, n).
         target: the point to reach (m), shape (3,).
@@ -138,7 +138,7 @@ def move(task: TaskDescription, chain: Chain, act: Act, band: Band, steps: int) 
         if (ends < steps).all():
             break
     all_joints, all_positions = np.stack(joints, axis=1), np.stack(positions, axis=1)  # (k, t, n), (k, t, 3)
-    reached = np.square(all_positions - band.targets[:, None]).sum(axis=2).min(axis=1) < task.tolerance
+    reached = np.square(all_positions[:, 1:] - band.targets[:, None]).sum(axis=2).min(axis=1) < task.tolerance
     return [
         Motion(bool(reached[k]), all_positions[k, : end + 1], all_joints[k, : end + 1], band.targets[k])
         for k, end in enumerate(ends)
