@@ -170,9 +170,10 @@ def test_a_status_with_another_kind_of_value_is_refused(field, value):
 
 
 def test_a_status_without_a_value_is_refused_naming_it():
+    keys = ("step", "targets_reached", "risky", "violations", "terminated", "truncated")
+    message = diagnostic(**dict.fromkeys(keys, "0"))
     with pytest.raises(ContractError, match="lacks episode, reward"):
-        keys = ("step", "targets_reached", "risky", "violations", "terminated", "truncated")
-        from_msg(TASK_STATUS, diagnostic(**dict.fromkeys(keys, "0")))
+        from_msg(TASK_STATUS, message)
 
 
 @pytest.mark.parametrize("count", [0, 2])
@@ -227,7 +228,7 @@ def test_big_endian_bytes_are_read():
 @pytest.mark.parametrize("head", ["0003", "0006", "0100", ""])
 def test_another_encoding_is_refused(head):
     data = bytes.fromhex(head) + codec.encode(JOINT_DELTA, DeltaCommand(7, ("a",), [1.0]))[len(head) // 2 :]
-    with pytest.raises(ContractError, match="encoding|no sensor_msgs"):
+    with pytest.raises(ContractError, match=r"encoding|no sensor_msgs"):
         codec.decode(JOINT_DELTA, data if head else b"")
 
 

@@ -157,7 +157,7 @@ def test_an_accepted_change_is_applied_and_a_bad_one_is_not(graph):
 
 
 def test_waiting_in_vain_ends_with_an_error_that_says_for_what(graph):
-    with pytest.raises(RledError, match="waited 0.2 s for a miracle"):
+    with pytest.raises(RledError, match=r"waited 0\.2 s for a miracle"):
         spin_until(graph.executor, lambda: False, 0.2, "a miracle")
 
 

@@ -5,14 +5,15 @@ from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from mmap import ACCESS_READ, mmap
 from pathlib import Path
-from zlib import crc32
 
 import numpy as np
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
 from rled_msgs_py.bags.error import BagError, Damage, remedy
-from rled_msgs_py.bags.mcap_survey import HEAD, MAGIC, Chunk, Survey, unpack, walk
+from rled_msgs_py.bags.mcap_chunks import Chunk, unpack
+from rled_msgs_py.bags.mcap_records import HEAD, MAGIC, walk
+from rled_msgs_py.bags.mcap_survey import Survey
 from rled_msgs_py.bags.metadata import custom_of
 from rled_msgs_py.bags.storage import BagTopic, Messages
 
@@ -59,28 +60,6 @@ def located(path: Path) -> Iterator[None]:
         raise BagError(f"{path} is damaged: {damage}", "", remedy(path)) from None
 
 
-def topic_of(survey: Survey, channel: int) -> BagTopic:
-    """The topic of a channel.
-
-    Raises:
-        Damage: the file defines no such channel.
-    """
-    try:
-        found = survey.channels[channel]
-        schema = survey.schemas[found.schema_id]
-    except KeyError as missing:
-        raise Damage(f"channel {channel} lacks definition {missing}") from None
-    return BagTopic(
-        "/" + found.topic.lstrip("/"),
-        schema.name,
-        found.message_encoding,
-        schema.data.decode(errors="replace"),
-        schema.encoding,
-        found.metadata.get("topic_type_hash", ""),
-        found.metadata.get("offered_qos_profiles", ""),
-    )
-
-
 class McapFile:
     """One finished .mcap file; a ``Storage``.
 
@@ -92,14 +71,17 @@ class McapFile:
         self.path = path
         self._data = map_file(path)
         self._survey = Survey(self._data)
-        self._require_end()
+        if not self._survey.is_ended or self._data[self._survey.end :] != MAGIC:
+            what = f"{path} is unfinished: it breaks off at byte {self._survey.end}"
+            raise BagError(what, "a bag whose recorder ended in order", remedy(path))
         with located(path):
             self._check()
+            definitions = self._survey.definitions
             self.counts: Mapping[int, int] = self._count()
-            self.topics: Mapping[int, BagTopic] = {each: topic_of(self._survey, each) for each in self._survey.channels}
-            for channel in self.counts:
-                topic_of(self._survey, channel)
-            self.custom: Mapping[str, str] = custom_of(self._survey.information)
+            self.topics: Mapping[int, BagTopic] = {
+                channel: definitions.topic(channel) for channel in {*definitions.channels, *self.counts}
+            }
+            self.custom: Mapping[str, str] = custom_of(self._survey.information[-1:])
 
     def messages(self, channels: Collection[int]) -> Iterator[Messages]:
         """Messages of some channels, in runs.
@@ -117,37 +99,26 @@ class McapFile:
                 if found[channel] != self.counts.get(channel, 0):
                     raise Damage(f"it holds {found[channel]} of {self.counts.get(channel, 0)} messages of a topic")
 
-    def _require_end(self) -> None:
-        if self._survey.footer is None or self._data[self._survey.end :] != MAGIC:
-            what = f"{self.path} is unfinished: it breaks off at byte {self._survey.end}"
-            raise BagError(what, "a bag whose recorder ended in order", remedy(self.path))
-
     def _check(self) -> None:
-        survey = self._survey
-        if survey.damage:
-            raise survey.damage[0]
-        if survey.data_end is None or survey.footer is None:
+        if self._survey.damage:
+            raise self._survey.damage[0]
+        if self._survey.data_end is None:
             raise Damage("the end of its data is not marked")
-        with memoryview(self._data) as view:
-            if survey.data_crc and crc32(view[: survey.data_end]) != survey.data_crc:
-                raise Damage("its data fail the checksum")
-            # the footer's checksum covers the summary and the footer up to itself
-            summary = view[survey.data_end + HEAD.size + 4 : survey.end - 4]
-            if survey.footer.summary_crc and crc32(summary) != survey.footer.summary_crc:
-                raise Damage("its summary fails the checksum")
-            summary.release()
+        if not self._survey.has_right_data():
+            raise Damage("its data fail their checksum")
+        if not self._survey.has_right_summary():
+            raise Damage("its summary fails its checksum")
 
     def _count(self) -> Mapping[int, int]:
-        statistics = self._survey.statistics
-        if statistics is not None and len(self._survey.channels) == statistics.channel_count:
+        statistics, definitions = self._survey.statistics, self._survey.definitions
+        if statistics is not None and len(definitions.channels) == statistics.channel_count:
             return dict(statistics.channel_message_counts)
         counts = Counter[int]()
         for chunk in self._survey.chunks:
             block = unpack(self._data, chunk)
             for opcode, start, stop in walk(block, 0, len(block)):
-                if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                    self._survey.define(opcode, block, start, stop)
-                elif opcode == Opcode.MESSAGE:
+                definitions.take(opcode, block, start, stop)
+                if opcode == Opcode.MESSAGE:
                     counts[int.from_bytes(block[start : start + 2], "little")] += 1
         return counts
 

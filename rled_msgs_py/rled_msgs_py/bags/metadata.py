@@ -1,6 +1,6 @@
 """``metadata.yaml`` of a bag folder, version 9, as rosbag2 of Jazzy writes it."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -122,16 +122,19 @@ def read_metadata(folder: Path) -> Contents:
         raise BagError(f"{path} is damaged", "metadata of a rosbag2 recording", remedy(folder)) from None
 
 
-def custom_of(text: str) -> dict[str, str]:
-    """The user's metadata in the text that an MCAP file keeps.
+def custom_of(texts: Sequence[str]) -> dict[str, str]:
+    """The user's metadata, of the copies of them that an MCAP file keeps.
 
     Raises:
-        Damage: it is no such text.
+        Damage: a copy cannot be read, or two differ.
     """
     try:
-        return _custom(yaml.load(text, LOADER) or {})
+        copies = [_custom(yaml.load(text, LOADER) or {}) for text in texts]
     except (yaml.YAMLError, AttributeError):
         raise Damage("its metadata record is no YAML") from None
+    if any(copy != copies[0] for copy in copies):
+        raise Damage("the copies of its metadata differ")
+    return copies[0] if copies else {}
 
 
 def _custom(found: Mapping[str, Any]) -> dict[str, str]:

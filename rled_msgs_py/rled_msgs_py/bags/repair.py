@@ -13,8 +13,10 @@ from mcap.opcode import Opcode
 
 from rled_msgs_py.bags.error import BagError, Damage
 from rled_msgs_py.bags.folder import mcap_files, open_files
-from rled_msgs_py.bags.mcap_file import McapFile, map_file, topic_of
-from rled_msgs_py.bags.mcap_survey import Survey, unpack, walk
+from rled_msgs_py.bags.mcap_chunks import unpack
+from rled_msgs_py.bags.mcap_file import McapFile, map_file
+from rled_msgs_py.bags.mcap_records import Definitions, walk
+from rled_msgs_py.bags.mcap_survey import Survey
 from rled_msgs_py.bags.mcap_writer import McapWriter
 from rled_msgs_py.bags.metadata import NO_TIME, FileSummary, custom_of, write_metadata
 from rled_msgs_py.bags.storage import BagTopic, Storage
@@ -129,7 +131,7 @@ def _rewrite(file: Path, lost: list[str]) -> FileSummary:
 def _save(data: mmap, successor: Path, lost: list[str]) -> FileSummary:
     survey = Survey(data)
     lost += map(str, survey.damage)
-    if survey.footer is None and survey.end < len(data):
+    if not survey.is_ended and survey.end < len(data):
         lost.append(f"the last {len(data) - survey.end} bytes, in which a record breaks off")
     writer = McapWriter(successor, _custom(survey, lost))
     channels = dict[BagTopic, int]()
@@ -138,7 +140,11 @@ def _save(data: mmap, successor: Path, lost: list[str]) -> FileSummary:
             channels[topic] = writer.add_topic(topic)
         writer.add_message(channels[topic], log_time, publish_time, message)
     writer.close()
-    return writer.summary()
+    summary = writer.summary()
+    if survey.statistics is not None and survey.has_right_summary():
+        missing = survey.statistics.message_count - sum(summary.counts.values())
+        lost += [f"{missing} messages of those that were counted"] if missing else []
+    return summary
 
 
 def _custom(survey: Survey, lost: list[str]) -> dict[str, str]:
@@ -150,16 +156,17 @@ def _custom(survey: Survey, lost: list[str]) -> dict[str, str]:
 
 
 def _whole_messages(survey: Survey, data: mmap, lost: list[str]) -> Iterator[_Message]:
+    # definitions in a chunk are under its checksum, those of a summary are only as good as its own
+    definitions = survey.definitions if survey.has_right_summary() else Definitions()
     for chunk in survey.chunks:
         try:
             block = unpack(data, chunk)
             for opcode, start, stop in walk(block, 0, len(block)):
-                if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                    survey.define(opcode, block, start, stop)
-                elif opcode == Opcode.MESSAGE and stop - start >= MESSAGE_HEAD.size:
+                definitions.take(opcode, block, start, stop)
+                if opcode == Opcode.MESSAGE and stop - start >= MESSAGE_HEAD.size:
                     channel, _, log_time, publish_time = MESSAGE_HEAD.unpack_from(block, start)
                     content = block[start + MESSAGE_HEAD.size : stop]
-                    yield _Message(topic_of(survey, channel), log_time, publish_time, content)
+                    yield _Message(definitions.topic(channel), log_time, publish_time, content)
         except Damage as damage:
             lost.append(str(damage))
 

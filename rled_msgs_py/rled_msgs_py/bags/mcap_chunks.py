@@ -1,0 +1,92 @@
+"""The chunks of an MCAP file: runs of records packed as one, with a checksum."""
+
+import threading
+from mmap import mmap
+from struct import Struct
+from typing import NamedTuple
+from zlib import crc32
+
+import lz4.frame
+import zstandard
+
+from rled_msgs_py.bags.error import Damage
+
+CHUNK_HEAD = Struct("<QQQII")
+LENGTH = Struct("<Q")
+LARGEST = 1 << 31
+_THREAD = threading.local()
+
+
+class Chunk(NamedTuple):
+    """Where a chunk lies.
+
+    Attributes:
+        compression: ``zstd``, ``lz4`` or empty.
+        size: bytes of its records when unpacked.
+        crc: of those bytes, 0 when it was not computed.
+        start: where the packed bytes begin.
+        stop: where they end.
+        indexes: by channel, where its message index begins and ends (pairs of log time and offset).
+    """
+
+    compression: str
+    size: int
+    crc: int
+    start: int
+    stop: int
+    indexes: dict[int, tuple[int, int]]
+
+
+def chunk_at(data: mmap | bytes, start: int, stop: int) -> Chunk:
+    """The chunk that is the content of a record.
+
+    Raises:
+        Damage: it is none.
+    """
+    if stop - start < CHUNK_HEAD.size + LENGTH.size:
+        raise Damage(f"the chunk at byte {start} has no head")
+    _, _, size, crc, length = CHUNK_HEAD.unpack_from(data, start)
+    name = start + CHUNK_HEAD.size
+    packed = name + length + LENGTH.size
+    if packed > stop or LENGTH.unpack_from(data, packed - LENGTH.size)[0] != stop - packed:
+        raise Damage(f"the chunk at byte {start} does not fill its record")
+    return Chunk(data[name : name + length].decode(errors="replace"), size, crc, packed, stop, {})
+
+
+def unpack(data: mmap | bytes, chunk: Chunk) -> bytes:
+    """The records of a chunk.
+
+    Raises:
+        Damage: they cannot be unpacked, or their checksum differs.
+    """
+    where = f"the chunk at byte {chunk.start}"
+    if chunk.size > LARGEST:
+        raise Damage(f"{where} claims {chunk.size} bytes")
+    try:
+        records = _unpacked(data[chunk.start : chunk.stop], chunk)
+    except (zstandard.ZstdError, RuntimeError, MemoryError) as error:
+        raise Damage(f"{where} cannot be unpacked ({error})") from None
+    if len(records) != chunk.size or (chunk.crc and crc32(records) != chunk.crc):
+        raise Damage(f"{where} fails its checksum")
+    return records
+
+
+def _unpacked(packed: bytes, chunk: Chunk) -> bytes:
+    if chunk.compression == "zstd":
+        # a broken frame may claim any size, and would be given the memory
+        claimed = zstandard.frame_content_size(packed)
+        return _zstd().decompress(packed, max_output_size=chunk.size) if claimed in (-1, chunk.size) else b""
+    if chunk.compression == "lz4":
+        records: bytes = lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=chunk.size)
+        return records
+    if chunk.compression:
+        raise Damage(f"the chunk at byte {chunk.start} is packed by '{chunk.compression}', not by zstd or lz4")
+    return packed
+
+
+def _zstd() -> zstandard.ZstdDecompressor:
+    # making one costs more than unpacking a small chunk, and one serves one thread
+    if not hasattr(_THREAD, "zstd"):
+        _THREAD.zstd = zstandard.ZstdDecompressor()
+    made: zstandard.ZstdDecompressor = _THREAD.zstd
+    return made

@@ -1,0 +1,84 @@
+"""The records of an MCAP file, told apart by their framing alone, and the definitions among them.
+
+The format: magic, records, magic. A record is an opcode (1 byte), the length of its content (8 bytes) and the content.
+"""
+
+from collections.abc import Iterator
+from io import BytesIO
+from mmap import mmap
+from struct import Struct
+from typing import Any
+
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Channel, Schema
+
+from rled_msgs_py.bags.error import Damage
+from rled_msgs_py.bags.storage import BagTopic
+
+MAGIC = b"\x89MCAP0\r\n"
+HEAD = Struct("<BQ")
+
+
+def walk(data: mmap | bytes, start: int, stop: int) -> Iterator[tuple[int, int, int]]:
+    """Opcode, begin and end of the content of each whole record; ends before one that does not fit."""
+    while stop - start >= HEAD.size:
+        opcode, length = HEAD.unpack_from(data, start)
+        start += HEAD.size
+        if length > stop - start:
+            return
+        yield opcode, start, start + length
+        start += length
+
+
+def parse(kind: Any, data: mmap | bytes, start: int, stop: int) -> Any:
+    """Read a record's content with the mcap library.
+
+    Raises:
+        Damage: it holds something else.
+    """
+    try:
+        return kind.read(ReadDataStream(BytesIO(data[start:stop])))
+    except Exception as error:  # the library raises whatever broken bytes lead it to
+        raise Damage(f"the {kind.__name__} record at byte {start} cannot be read ({error})") from None
+
+
+class Definitions:
+    """Channels and message definitions, by their numbers in the file."""
+
+    def __init__(self) -> None:
+        self.schemas: dict[int, Schema] = {}
+        self.channels: dict[int, Channel] = {}
+
+    def take(self, opcode: int, data: mmap | bytes, start: int, stop: int) -> None:
+        """Take up a record if it is a schema or a channel.
+
+        Raises:
+            Damage: it cannot be read, or its number has another meaning already.
+        """
+        if opcode not in (Opcode.SCHEMA, Opcode.CHANNEL):
+            return
+        kind, known = (Schema, self.schemas) if opcode == Opcode.SCHEMA else (Channel, self.channels)
+        record = parse(kind, data, start, stop)
+        if known.setdefault(record.id, record) != record:
+            raise Damage(f"{kind.__name__.lower()} {record.id} is defined twice, differently")
+
+    def topic(self, channel: int) -> BagTopic:
+        """The topic of a channel.
+
+        Raises:
+            Damage: it is not defined.
+        """
+        found = self.channels.get(channel)
+        schema = found and self.schemas.get(found.schema_id)
+        if not found or not schema:
+            raise Damage(f"channel {channel} is not defined")
+        return BagTopic(
+            "/" + found.topic.lstrip("/"),
+            schema.name,
+            found.message_encoding,
+            schema.data.decode(errors="replace"),
+            schema.encoding,
+            found.metadata.get("topic_type_hash", ""),
+            found.metadata.get("offered_qos_profiles", ""),
+        )
