@@ -101,7 +101,7 @@ class Tape:
         return self.product(tangent, double), self.sum((1.0, -1.0), (1.0, double))
 
     def product(self, a: Value, b: Value) -> Value:
-        """A b."""
+        """Product of two values."""
         if isinstance(a, float):
             a, b = b, a
         if isinstance(b, float) and (isinstance(a, float) or b in (0.0, 1.0)):

@@ -66,7 +66,7 @@ class Report:
         if driver.stopped:
             return Level.ERROR, "emergency stop"
         if refused:
-            return Level.WARN, f"{refused} commands refused, the last: {self._text}" if self._text else "refused"
+            return Level.WARN, f"{refused} commands refused" + (f", the last: {self._text}" if self._text else "")
         if touching:
             return Level.WARN, "the robot touches something"
         return Level.OK, "paused" if driver.paused else driver.rules.mode

@@ -83,7 +83,7 @@ class World:
         joints, links = ({info[column].decode(): info[0] for info in infos} for column in (1, 12))
         self._link_names = {index: name for name, index in links.items()} | {-1: "base"}
         self._joints = [joints[name] for name in self._robot.joint_names]
-        self._held = {joints[name]: value for name, value in self._robot.held.items()}
+        self._held = [(infos[joints[name]], value) for name, value in self._robot.held.items()]
         self._tip = links[self._robot.tip_link]
         self.place(self._robot.home)
         for contact in self._touching():
@@ -95,8 +95,8 @@ class World:
         self.q = self._previous = self._set_point = list(q)
         self._displace()
         self._velocity = [0.0] * len(self.q)
-        for joint, value in self._held.items():
-            pybullet.resetJointState(self._body, joint, value, 0.0, self._client)
+        for info, value in self._held:
+            pybullet.resetJointState(self._body, info[0], value, 0.0, self._client)
         self._read_tip()
 
     def move(self, delta: Sequence[float]) -> None:
@@ -132,8 +132,8 @@ class World:
         self._set_point = [min(max(point, angle - leash), angle + leash) for point, angle in ahead]
         for index, joint, point in zip(self._joints, self._robot.joints, self._set_point, strict=True):
             self._hold(index, point, joint.effort, joint.velocity)
-        for index, point in self._held.items():
-            self._hold(index, point, 20.0, 0.2)
+        for info, point in self._held:
+            self._hold(info[0], point, info[10], info[11])
         for _ in range(self._substeps):
             p.stepSimulation(self._client)
         states = p.getJointStates(self._body, self._joints, self._client)

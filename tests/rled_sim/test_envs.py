@@ -162,6 +162,7 @@ def test_picture_is_rendered(make):
     assert env.render().shape == (480, 640, 3)
 
 
+@pytest.mark.filterwarnings("ignore:.*not in the possible render_modes")
 @pytest.mark.parametrize(
     ("options", "what"),
     [
