@@ -4,6 +4,7 @@ Stamps are nanoseconds of simulation time. Arrays are read-only float64. Orienta
 (x, y, z, w), as in geometry_msgs (REP 103 for units and axes).
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
@@ -104,8 +105,9 @@ class PoseSample:
     def __post_init__(self) -> None:
         object.__setattr__(self, "position", finite_vector(self.position, 3, "position"))
         orientation = finite_vector(self.orientation, 4, "orientation")
-        if abs(float(orientation @ orientation) - 1.0) > UNIT_TOLERANCE:
-            raise ContractError(f"orientation {orientation.tolist()} has norm {np.linalg.norm(orientation):.3g}", "1")
+        square = sum(value * value for value in orientation.tolist())
+        if abs(square - 1.0) > UNIT_TOLERANCE:
+            raise ContractError(f"orientation {orientation.tolist()} has norm {math.sqrt(square):.3g}", "1")
         object.__setattr__(self, "orientation", orientation)
 
 

@@ -150,6 +150,22 @@ def test_metadata_has_every_field_of_version_9(path):
     }
 
 
+def test_topics_without_records_are_recorded_too(tmp_path):
+    store = get_typestore(Stores.ROS2_JAZZY)
+    clock = store.types[CLOCK_TOPIC.type](store.types["builtin_interfaces/msg/Time"](3, 7))
+    markers = store.types[MARKERS.type]([])
+    with BagWriter(tmp_path / "bag") as writer:
+        for topic, message in ((CLOCK_TOPIC, clock), (MARKERS, markers)):
+            writer.write_cdr(topic, bytes(store.serialize_cdr(message, topic.type)), 5)
+    with AnyReader([tmp_path / "bag"]) as reader:
+        read = {each.topic: reader.deserialize(data, each.msgtype) for each, _, data in reader.messages()}
+    assert (read["/clock"].clock.sec, read["/clock"].clock.nanosec, read["/markers"].markers) == (3, 7, [])
+    bag = Bag(tmp_path / "bag")
+    assert bag.counts == {"/clock": 1, "markers": 1}
+    with pytest.raises(BagError, match="markers has no records"):
+        list(bag.records(MARKERS))
+
+
 def test_channels_carry_quality_of_service_and_type_hash(path):
     with (path / "demo_0.mcap").open("rb") as file:
         channels = make_reader(file).get_summary().channels.values()

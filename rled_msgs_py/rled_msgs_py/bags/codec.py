@@ -86,8 +86,11 @@ def decode(topic: Topic, data: bytes) -> Record:
     Bytes after the message are let pass: rclpy's ``serialize_message`` leaves some there.
 
     Raises:
-        ContractError: bytes that are no such message, a wrong size, bad names, NaN or infinity.
+        ContractError: bytes that are no such message, a wrong size, bad names, NaN or infinity, or a topic of which
+            there are no records.
     """
+    if topic.name not in FROM_MSG:
+        raise ContractError(f"{topic.name} has no records", ", ".join(FROM_MSG))
     return FROM_MSG[topic.name](_message(topic.type, data))
 
 

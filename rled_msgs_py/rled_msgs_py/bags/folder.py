@@ -5,7 +5,7 @@ from pathlib import Path
 
 from rled_msgs_py.bags.error import BagError, remedy
 from rled_msgs_py.bags.mcap_file import McapFile
-from rled_msgs_py.bags.metadata import read_metadata
+from rled_msgs_py.bags.metadata import FILE_NAME, read_metadata
 from rled_msgs_py.bags.storage import Storage
 
 STORAGES: Mapping[str, Callable[[Path], Storage]] = {".mcap": McapFile}
@@ -29,13 +29,13 @@ def mcap_files(folder: Path) -> list[Path]:
 
 
 def _open_folder(folder: Path) -> tuple[list[Storage], dict[str, str]]:
-    if not (folder / "metadata.yaml").exists() and not mcap_files(folder):
+    if not (folder / FILE_NAME).exists() and not mcap_files(folder):
         raise BagError(f"{folder} is no bag", "a rosbag2 folder with metadata.yaml and .mcap files")
     contents = read_metadata(folder)
     files = [_open_file(folder / name) for name in contents.files]
     count = sum(sum(file.counts.values()) for file in files)
     if count != contents.message_count:
-        what = f"{folder} is damaged: it holds {count} messages, its metadata.yaml says {contents.message_count}"
+        what = f"{folder} is damaged: it holds {count} messages, its {FILE_NAME} says {contents.message_count}"
         raise BagError(what, "", remedy(folder))
     # the copy inside the files is under their checksum
     return files, _custom(files) or contents.custom

@@ -1,7 +1,15 @@
 """An MCAP file under recording: whatever kills its process, what was flushed stays readable.
 
 ``flush`` closes the chunk in progress and hands it to the operating system, which keeps it when the process dies (a
-loss of power is another matter). The recorder calls it every ``FLUSH_PERIOD``.
+loss of power is another matter). The recorder calls it every ``FLUSH_PERIOD``, so the chunks are small. Measured with
+100,000 messages of a Panda on five topics (19.1 MB), flushed after every 5, 12 and 100 messages and not at all:
+
+- Zstandard: 17.4, 11.4, 7.0, 6.5 MB; 25, 13, 6, 6 µs of processor time a message
+- LZ4: 19.6, 13.0, 8.6, 8.0 MB; 18, 12, 8, 5 µs
+- unpacked: 28.8, 25.9, 24.1, 23.8 MB; 14, 10, 9, 8 µs
+
+In real time, 250 messages a second, a flush every 25 ms closes chunks of 5 to 10 messages, in lockstep of 60 and more.
+Zstandard is the smallest everywhere, and its time is small beside that of receiving a message.
 """
 
 import fcntl

@@ -218,7 +218,8 @@ def _place_pose(layout: Layout, _: int) -> None:
 
 def _look_at_poses(rows: NDArray[np.void], _: Record) -> tuple[Floats, Floats] | None:
     position, orientation = rows["position"].astype(np.float64), rows["orientation"].astype(np.float64)
-    unit = np.abs((orientation**2).sum(axis=1) - 1.0) <= UNIT_TOLERANCE
+    with np.errstate(over="ignore"):
+        unit = np.abs((orientation**2).sum(axis=1) - 1.0) <= UNIT_TOLERANCE
     return (position, orientation) if np.isfinite(position).all() and unit.all() else None
 
 
