@@ -34,7 +34,8 @@ def make_environment(config: TrainConfig, start_joints: NDArray[np.float64] | No
     except gymnasium.error.Error as error:
         raise RledError(f"env '{config.env}': {error}", "an id that Gymnasium knows, as rled/PandaReach-v0") from None
     except TypeError as error:
-        raise RledError(f"env '{config.env}' takes no {', '.join(options)}", "reward own", str(error)) from None
+        why = str(error).partition(" was raised from ")[0]  # what follows repeats the options, arrays and all
+        raise RledError(f"env '{config.env}' takes no {', '.join(options)}", "reward own, no bag", why) from None
     check_spaces(env)
     return env
 

@@ -132,8 +132,8 @@ class Trainer:
     def checkpoint(self) -> Checkpoint:
         """All state, taken where an interval of metrics has just been closed."""
         tensors, state = pack(self.learner, self.replay)
-        actions = np.array(self._episode_actions, dtype=np.float32).reshape(len(self._episode_actions), -1)
-        tensors["episode.actions"] = torch.from_numpy(actions)
+        actions = np.array(self._episode_actions, dtype=np.float32)
+        tensors["episode.actions"] = torch.from_numpy(actions.reshape(-1, self.replay.action_size))
         state |= {
             "step": self.step,
             "behaviour_generator": self.generator.bit_generator.state,

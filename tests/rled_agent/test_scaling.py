@@ -2,8 +2,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from rled_agent.scaling import scaling_of_bounds, scaling_of_samples
+from rled_agent.scaling import scaling_of_bounds, scaling_of_points, scaling_of_samples
 from rled_msgs_py.errors import RledError
+from rled_sim.robots import ROBOTS
+from rled_sim.tasks import reach_task
 
 ACTION = (np.array([-0.1, -0.2]), np.array([0.1, 0.4]))
 
@@ -51,3 +53,19 @@ def test_observations_come_back(observation):
     scaling = scaling_of_bounds((np.array([-1.0, 2.0]), np.array([1.0, 6.0])), ACTION)
     back = scaling.denormalize_observation(scaling.normalize_observation(np.array(observation)))
     np.testing.assert_allclose(back, observation, atol=1e-5)
+
+
+def test_lengths_are_measured_in_halves_of_the_demonstrated_extent_and_angles_in_radians():
+    positions = np.array([[0.4, -0.25, 0.5], [0.6, 0.25, 0.5], [0.5, 0.0, 0.6]])
+    joints = np.array([[0.1] * 7, [0.2] * 7, [0.6] * 7])
+    scaling = scaling_of_points(reach_task(ROBOTS["panda"]).description, positions, joints)
+    observation = np.array([0.25, 0.0, -0.125] + [1.3] * 7)  # half of the extent is 0.25 m, the mean angle 0.3 rad
+    np.testing.assert_allclose(scaling.normalize_observation(observation), [1.0, 0.0, -0.5] + [1.0] * 7, rtol=1e-6)
+    np.testing.assert_allclose(scaling.normalize_action(np.full(7, 0.04)), np.ones(7), rtol=1e-6)
+
+
+def test_positions_are_measured_from_the_demonstrated_mean():
+    positions = np.array([[0.4, -0.25, 0.1], [0.6, 0.25, 0.1], [0.5, 0.0, 0.1]])
+    scaling = scaling_of_points(reach_task(ROBOTS["planar"]).description, positions, np.zeros((3, 2)))
+    normal = scaling.normalize_observation(np.array([0.5, 0.25, 0.75, -0.25]))
+    np.testing.assert_allclose(normal, [0.0, 1.0, 1.0, -1.0], atol=1e-6)

@@ -1,0 +1,80 @@
+import gymnasium
+import numpy as np
+import pytest
+from rled_agent.config import TrainConfig
+from rled_agent.environments import bounds, check_spaces, make_environment, task_of
+from rled_agent.rollout import roll_out
+from rled_msgs_py.errors import RledError
+from rled_sim.robots import ROBOTS
+
+
+def make(name: str, reward: str = "own", starts: np.ndarray | None = None) -> gymnasium.Env:
+    return make_environment(TrainConfig(env=name, reward=reward), starts)
+
+
+@pytest.mark.parametrize(
+    ("name", "reward", "what"),
+    [
+        ("CartPole-v1", "own", r"the action space is Discrete\(2\); accepted: a Box of one dimension"),
+        ("NoSuch-v0", "own", "env 'NoSuch-v0'.*accepted: an id that Gymnasium knows"),
+        ("Pendulum-v1", "sparse", "env 'Pendulum-v1' takes no reward; accepted: reward own, no bag"),
+    ],
+)
+def test_environments_that_cannot_be_learned_in_are_refused(name, reward, what):
+    with pytest.raises(RledError, match=what) as caught:
+        make(name, reward)
+    assert len(str(caught.value)) < 400
+
+
+def test_start_joints_for_an_environment_without_joints_are_refused_in_few_words():
+    with pytest.raises(RledError, match="takes no start_joints") as caught:
+        make("Pendulum-v1", starts=np.zeros((2000, 7)))
+    assert len(str(caught.value)) < 400
+
+
+def test_observations_that_are_no_vector_are_refused():
+    class Pictures(gymnasium.Env):
+        action_space = gymnasium.spaces.Box(-1, 1, (2,))
+        observation_space = gymnasium.spaces.Box(0, 1, (8, 8))
+
+    with pytest.raises(RledError, match="the observation space is Box"):
+        check_spaces(Pictures())
+
+
+@pytest.mark.parametrize("reward", ["dense", "sparse"])
+def test_reward_and_starts_reach_the_environment(reward):
+    starts = np.array([[-0.5, 1.0], [-0.4, 1.2]])
+    env = make("rled/PlanarReach-v0", reward, starts)
+    assert task_of(env).reward == reward
+    begins = np.unique([env.reset(seed=seed)[0][:2] for seed in range(20)], axis=0)
+    np.testing.assert_allclose(begins, np.unique(ROBOTS["planar"].chain.position(starts)[:, :2], axis=0), atol=1e-6)
+    env.close()
+
+
+def test_foreign_environments_have_no_task():
+    env = make("Pendulum-v1")
+    assert task_of(env) is None
+    low, high = bounds(env.action_space)
+    assert (low.tolist(), high.tolist()) == ([-2.0], [2.0])
+
+
+class Countdown(gymnasium.Env):
+    """Pays 1 a step; lasts as many steps as its seed, and then is done if that is even, cut if odd."""
+
+    observation_space = gymnasium.spaces.Box(-1, 1, (1,))
+    action_space = gymnasium.spaces.Box(-1, 1, (1,))
+
+    def reset(self, *, seed=None, options=None):
+        self.left = self.begun = seed
+        return np.zeros(1, np.float32), {}
+
+    def step(self, action):
+        self.left -= 1
+        over, even = self.left == 0, self.begun % 2 == 0
+        info = {"targets_reached": 10 * self.begun, "violations": self.left}
+        return np.zeros(1, np.float32), 1.0, over and even, over and not even, info
+
+
+def test_a_roll_out_is_whole_episodes_with_one_seed_each():
+    results = roll_out(Countdown(), lambda observation: observation, 3, 4)
+    assert [tuple(each) for each in results] == [(4.0, 4, 40, 0), (5.0, 5, 50, 0), (6.0, 6, 60, 0)]
