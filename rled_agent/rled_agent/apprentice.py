@@ -29,8 +29,8 @@ class Apprentice:
         self._slot = WeightSlot(len(self._weights))
         self.offered = self.dropped = self.handovers = 0
         command = [sys.executable, "-m", "rled_agent.learning_process", "--policy", str(policy)]
-        command += ["--slot", self._slot.name, "--checkpoint", str(checkpoint), *_architecture(actor)]
-        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, process_group=0)
+        command += ["--slot", self._slot.name, "--checkpoint", str(checkpoint)]
+        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, process_group=0, preexec_fn=_ignore_saving)
         assert self._process.stdin is not None
         self._pipe = self._process.stdin.fileno()
         os.set_blocking(self._pipe, False)
@@ -71,13 +71,6 @@ class Apprentice:
         self._slot.close()
 
 
-def _architecture(actor: Network) -> list[str]:
-    architecture = actor.architecture
-    return [
-        "--learner.actor.hidden",
-        *map(str, architecture.hidden),
-        "--learner.actor.activation",
-        architecture.activation,
-        "--learner.actor.dropout",
-        str(architecture.dropout),
-    ]
+def _ignore_saving() -> None:
+    """SIGUSR1 ends a program that does not listen to it yet."""
+    signal.signal(signal.SIGUSR1, signal.SIG_IGN)

@@ -8,7 +8,7 @@ import os
 import select
 import signal
 import sys
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from threading import Event
 
@@ -50,7 +50,7 @@ class Options:
     seed: int = 0
     """of everything drawn"""
     learner: LearnerConfig = field(default_factory=LearnerConfig)
-    """settings of the update"""
+    """settings of the update; the actor's network is that of the policy"""
 
 
 class Student:
@@ -63,8 +63,9 @@ class Student:
     def __init__(self, options: Options) -> None:
         policy = load_policy(options.policy)
         sizes = policy.network.sizes[0], policy.network.sizes[-1]
+        settings = replace(options.learner, actor=policy.network.architecture)
         self.options = options
-        self.learner = Learner(*sizes, options.learner, torch.Generator().manual_seed(options.seed))
+        self.learner = Learner(*sizes, settings, torch.Generator().manual_seed(options.seed))
         self.learner.actor.parameters.copy_(policy.network.parameters)
         self.learner.target_actor.parameters.copy_(policy.network.parameters)
         self.replay = Replay(*sizes, options.capacity)

@@ -74,7 +74,8 @@ class RunDirectory:
 
     def _write_metrics(self) -> None:
         text = io.StringIO()
-        writer = csv.DictWriter(text, fieldnames=list(self._rows[0]) if self._rows else ["step"], restval="nan")
+        names = dict.fromkeys(["step", *(name for row in self._rows for name in row)])
+        writer = csv.DictWriter(text, fieldnames=list(names), restval="nan")
         writer.writeheader()
         writer.writerows(self._rows)
         write_whole(self.metrics_path, text.getvalue())

@@ -1,0 +1,191 @@
+"""Learning in a process of its own: the slot for weights, the state it keeps, the process."""
+
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from rled_agent.apprentice import Apprentice
+from rled_agent.checkpoint import Checkpoint, CheckpointError, read_checkpoint
+from rled_agent.learner import Learner, LearnerConfig
+from rled_agent.learning_process import Options, Student
+from rled_agent.learning_state import pack, unpack
+from rled_agent.networks import Architecture
+from rled_agent.policy import load_policy
+from rled_agent.replay import Replay
+from rled_agent.weight_slot import WeightSlot
+from rled_msgs_py.errors import RledError
+
+PATIENCE = 60.0
+TINY = Architecture(hidden=(6,))
+CONFIG = LearnerConfig(actor=TINY, critic=TINY)
+
+
+def await_that(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < deadline, "waited in vain"
+        time.sleep(0.02)
+
+
+@pytest.fixture
+def slots() -> Iterator[tuple[WeightSlot, WeightSlot]]:
+    owner = WeightSlot(5)
+    joined = WeightSlot(5, owner.name)
+    yield owner, joined
+    joined.close()
+    owner.close()
+
+
+def test_weights_are_handed_over_once(slots):
+    taker, giver = slots
+    held = np.zeros(5, dtype=np.float32)
+    assert not taker.take(held)
+    giver.put(np.arange(5, dtype=np.float32))
+    assert taker.take(held)
+    assert held.tolist() == [0, 1, 2, 3, 4]
+    assert not taker.take(held)
+    giver.put(held + 1)
+    giver.put(held + 2)
+    assert taker.take(held)
+    assert held.tolist() == [2, 3, 4, 5, 6]
+    assert not taker.take(held)
+
+
+def test_a_write_in_progress_is_not_taken(slots):
+    taker, giver = slots
+    held = np.zeros(5, dtype=np.float32)
+    giver.put(held)
+    giver._versions[0] += 1  # what put does first
+    assert not taker.take(held)
+    giver._versions[1] = giver._versions[0]
+    assert taker.take(held)
+
+
+def test_a_slot_that_is_too_small_is_refused(slots):
+    with pytest.raises(RledError, match="too small"):
+        WeightSlot(5000, slots[0].name)
+
+
+def learned(seed: int = 0, rows: int = 30) -> tuple[Learner, Replay]:
+    learner, replay = Learner(4, 2, CONFIG, torch.Generator().manual_seed(seed)), Replay(4, 2, 20)
+    drawing = np.random.default_rng(seed)
+    for _ in range(rows):
+        state, action, following = (drawing.normal(size=size).astype(np.float32) for size in (4, 2, 4))
+        replay.add(state, action, 1.0, False, following)
+    for _ in range(3):
+        learner.update(replay.sample(8, learner.generator))
+    return learner, replay
+
+
+def test_state_is_unpacked_as_it_was_packed():
+    one, other = learned(0), learned(1, rows=3)
+    checkpoint = pack(*one)
+    unpack(Checkpoint({name: each.clone() for name, each in checkpoint.tensors.items()}, checkpoint.state), *other)
+    for learner, replay in (one, other):
+        for _ in range(3):
+            learner.update(replay.sample(8, learner.generator))
+        replay.add(*(np.ones(size, dtype=np.float32) for size in (4, 2)), 0.0, True, np.ones(4, dtype=np.float32))
+    assert one[0].updates == other[0].updates == 6
+    tensors = [pack(*each).tensors for each in (one, other)]
+    assert all(torch.equal(tensors[0][name], tensors[1][name]) for name in tensors[0])
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        lambda: (Learner(4, 2, replace(CONFIG, critics=1), torch.Generator()), Replay(4, 2, 20)),
+        lambda: (Learner(5, 2, CONFIG, torch.Generator()), Replay(5, 2, 20)),
+        lambda: (Learner(4, 2, CONFIG, torch.Generator()), Replay(4, 2, 10)),
+    ],
+)
+def test_state_of_other_networks_or_of_more_transitions_is_refused_and_nothing_changed(other):
+    learner, replay = other()
+    before = learner.actor.parameters.clone()
+    with pytest.raises(CheckpointError, match="the checkpoint holds"):
+        unpack(pack(*learned()), learner, replay)
+    assert torch.equal(learner.actor.parameters, before)
+    assert len(replay) == 0
+
+
+def test_state_that_lacks_a_tensor_is_refused():
+    tensors, state = pack(*learned())
+    del tensors["critic_adam.mean"]
+    with pytest.raises(CheckpointError, match=r"holds nothing as critic_adam\.mean"):
+        unpack(Checkpoint(tensors, state), *learned())
+
+
+@pytest.mark.parametrize("settings", [{"layer_norm": True}, {"dropout": 0.2}, {"activation": "leaky_relu"}])
+def test_the_student_begins_with_the_very_network_of_the_policy(make_policy, tmp_path, settings):
+    make_policy(**settings).save(tmp_path / "policy")
+    policy = load_policy(tmp_path / "policy")
+    student = Student(Options(tmp_path / "policy", "slot", tmp_path / "state", learner=CONFIG))
+    for network in (student.learner.actor, student.learner.target_actor):
+        assert network.architecture == policy.network.architecture
+        assert torch.equal(network.parameters, policy.network.parameters)
+
+
+def transitions(count: int) -> np.ndarray:
+    return np.random.default_rng(0).normal(size=(count, 4 + 2 + 2 + 4)).astype(np.float32)
+
+
+def test_gradient_steps_are_owed_for_transitions(make_policy, tmp_path):
+    make_policy().save(tmp_path / "policy")
+    options = Options(
+        tmp_path / "policy", "slot", tmp_path / "state", train_after=10, updates_per_step=0.5, capacity=30
+    )
+    student = Student(options)
+    for rows, owed in ((transitions(10), 0), (transitions(7), 4), (transitions(1), 0), (transitions(20), 10)):
+        student.add(rows)
+        begun = student.learner.updates
+        while student.is_due():
+            student.update()
+        assert student.learner.updates - begun == owed
+    assert len(student.replay) == 30
+
+
+@pytest.fixture
+def apprentice(make_policy, tmp_path: Path) -> Iterator[Apprentice]:
+    policy = make_policy(dropout=0.2, layer_norm=True)
+    policy.save(tmp_path / "policy.safetensors")
+    apprentice = Apprentice(policy.network, tmp_path / "policy.safetensors", tmp_path / "state.safetensors")
+    yield apprentice
+    if apprentice.running:
+        apprentice.close(PATIENCE)
+
+
+def test_the_apprentice_learns_hands_weights_over_and_keeps_its_state(apprentice, tmp_path):
+    before = apprentice._actor.parameters.clone()
+    apprentice.save()  # it may not even have begun to listen
+
+    def handed_over() -> bool:
+        for row in transitions(10):
+            apprentice.offer(row)
+        apprentice.renew()
+        assert apprentice.running
+        return apprentice.handovers > 0
+
+    await_that(handed_over)
+    assert not torch.equal(apprentice._actor.parameters, before)
+    state = tmp_path / "state.safetensors"
+    apprentice.save()
+    await_that(state.exists)
+    apprentice.close(PATIENCE)
+    checkpoint = read_checkpoint(state)
+    assert 500 < checkpoint.state["added"] <= apprentice.offered - apprentice.dropped
+    assert 0 < checkpoint.state["updates"] <= checkpoint.state["added"] - 500
+
+
+def test_a_dead_apprentice_costs_transitions_and_nothing_else(apprentice):
+    os.kill(apprentice._process.pid, signal.SIGKILL)
+    await_that(lambda: not apprentice.running)
+    apprentice.offer(transitions(1)[0])
+    apprentice.renew()
+    apprentice.save()
+    assert (apprentice.offered, apprentice.dropped) == (1, 1)
+    apprentice.close()
