@@ -86,7 +86,9 @@ class GraphEnv(gymnasium.Env[Floats, Floats]):
     def step(self, action: Floats) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
         """Displace the joints by ``action`` (rad), shape (n,), and wait for the tick that answers."""
         answered = self._tick.stamp
-        command = DeltaCommand(answered, self.task.joint_names, np.asarray(action, dtype=np.float64))
+        most = self.task.max_delta
+        delta = np.clip(np.asarray(action, dtype=np.float64), -most, most)  # as the environments in process do
+        command = DeltaCommand(answered, self.task.joint_names, delta)
         self._delta.publish(to_msg(command))
         observation, info = self._seen(self._next(lambda tick: tick.stamp > answered))
         status = self._tick.status

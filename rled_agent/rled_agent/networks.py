@@ -58,7 +58,8 @@ class Tape:
 
     Attributes:
         inputs: input of each layer, (e, b, inputs); that of a hidden layer is the activation before it.
-        linear: output of each layer before norm and activation, (e, b, outputs).
+        linear: output of each layer before norm and activation, (e, b, outputs); without a norm, which alone needs it
+            again, the activation is written over it.
         gradients: memory for the gradient at each layer's output, (e, b, outputs).
         masks: dropout factors of the hidden layers, (e, b, outputs), none where nothing was dropped.
         statistics: mean and reciprocal deviation of the hidden layers that are normalised.
@@ -154,7 +155,7 @@ class Network:
     def _tape(self, rows: int) -> Tape:
         if rows not in self._tapes:
             linear = [torch.empty(self.members, rows, width) for width in self.sizes[1:]]
-            hidden = [torch.empty_like(each) for each in linear[:-1]]
+            hidden = [torch.empty_like(each) if self.architecture.layer_norm else each for each in linear[:-1]]
             first = torch.empty(self.members, rows, self.sizes[0])
             self._tapes[rows] = Tape([first, *hidden], linear, [torch.empty_like(each) for each in linear])
         return self._tapes[rows]
