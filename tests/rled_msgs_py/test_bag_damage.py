@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from rled_msgs_py.bags import Bag, BagError, BagWriter, repair
 from rled_msgs_py.records import Record
@@ -133,6 +133,7 @@ def test_a_file_of_anything_else_is_refused(whole, tmp_path_factory, data, name,
     shutil.rmtree(path.parent)
 
 
+@settings(max_examples=40)
 @given(place=st.floats(0, 1, exclude_max=True), bit=st.integers(0, 7))
 def test_a_repaired_bag_holds_only_what_was_recorded(whole, tmp_path_factory, place, bit):
     source, metadata, records = whole.path, whole.contents.metadata, whole.contents.records

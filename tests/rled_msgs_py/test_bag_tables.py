@@ -198,26 +198,27 @@ def test_a_table_holds_copies(tmp_path_factory, values):
     assert bag.joints(JOINT_STATES).position.tolist() == [list(pair) for pair in values]
 
 
-def processor_time(read, repeats=3):
-    times = []
-    for _ in range(repeats):
-        begin = time.process_time()
-        result = read()
-        times.append(time.process_time() - begin)
-    return min(times), result
+def processor_time(read):
+    begin = time.process_time()
+    result = read()
+    return time.process_time() - begin, result
 
 
 @pytest.mark.parametrize("flush_every", [2, 50], ids=["as recorded in real time", "as recorded in lockstep"])
 def test_reading_as_arrays_is_at_least_five_times_faster_than_rosbags(tmp_path, flush_every):
-    path = write_bag(tmp_path / "bag", ticks=5000, flush_every=flush_every)
+    path = write_bag(tmp_path / "bag", ticks=3000, flush_every=flush_every)
 
     def theirs():
         with AnyReader([path]) as reader:
             wanted = [each for each in reader.connections if each.topic == "/joint_states"]
             return [reader.deserialize(data, each.msgtype).position for each, _, data in reader.messages(wanted)]
 
-    slow, positions = processor_time(theirs)
-    fast, table = processor_time(lambda: Bag(path).joints(JOINT_STATES))
+    slow, fast = np.inf, np.inf
+    for _ in range(5):  # in turn, so that what else runs on the machine slows both down
+        (slow_now, positions), (fast_now, table) = (
+            processor_time(read) for read in (theirs, lambda: Bag(path).joints(JOINT_STATES))
+        )
+        slow, fast = min(slow, slow_now), min(fast, fast_now)
     assert np.array_equal(table.position, positions)
-    print(f"rosbags {slow / 5000 * 1e6:.1f} us a message, here {fast / 5000 * 1e6:.1f} us")
+    print(f"rosbags {slow / 3000 * 1e6:.1f} us a message, here {fast / 3000 * 1e6:.1f} us")
     assert slow / fast > 5

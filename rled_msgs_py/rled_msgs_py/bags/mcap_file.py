@@ -143,7 +143,10 @@ class McapFile:
         """Pairs of log time and offset of the wanted messages in a block."""
         if chunk.indexes:
             spans = (chunk.indexes[channel] for channel in wanted if channel in chunk.indexes)
-            return b"".join(self._data[start:stop] for start, stop in spans)
+            index = b"".join(self._data[start:stop] for start, stop in spans)
+            if len(index) % PAIR.itemsize:
+                raise Damage(f"an index of the chunk at byte {chunk.start} breaks off")
+            return index
         offsets, end = list[int](), 0
         for opcode, start, stop in walk(block, 0, len(block)):
             end = stop

@@ -17,8 +17,8 @@ from rled_msgs_py.bags.error import Damage
 from rled_msgs_py.bags.mcap_chunks import Chunk, chunk_at
 from rled_msgs_py.bags.mcap_records import HEAD, MAGIC, Definitions, parse, walk
 
-INDEX_HEAD = Struct("<HI")
-PAIR_BYTES = 16
+CHANNEL = Struct("<H")
+INDEX_HEAD_BYTES = 6
 CRC_BYTES = 4
 METADATA = "rosbag2"
 """Name of the metadata record in which rosbag2 repeats its ``metadata.yaml``."""
@@ -70,7 +70,6 @@ class Survey:
 
     def _visit_all(self) -> None:
         visitors: Mapping[int, Callable[[int, int], None]] = {
-            int(Opcode.MESSAGE_INDEX): self._message_index,
             int(Opcode.CHUNK): self._chunk,
             int(Opcode.MESSAGE): self._message,
             int(Opcode.SCHEMA): partial(self.definitions.take, Opcode.SCHEMA, self._data),
@@ -80,25 +79,25 @@ class Survey:
             int(Opcode.STATISTICS): self._statistics,
             int(Opcode.FOOTER): self._footer,
         }
+        message_index, chunks, channel_at = int(Opcode.MESSAGE_INDEX), self.chunks, CHANNEL.unpack_from
         for opcode, start, stop in walk(self._data, len(MAGIC), len(self._data)):
-            visit = visitors.get(opcode)
-            if visit is not None:
-                try:
-                    visit(start, stop)
-                except Damage as damage:
-                    self.damage.append(damage)
+            if opcode == message_index and chunks and stop - start >= INDEX_HEAD_BYTES:
+                # in a file of small chunks most records are these, so no call is made
+                chunks[-1].indexes[channel_at(self._data, start)[0]] = (start + INDEX_HEAD_BYTES, stop)
+            elif opcode in visitors:
+                self._visit(visitors[opcode], start, stop)
             self.end = stop
             if self.is_ended:
                 return
 
+    def _visit(self, visitor: Callable[[int, int], None], start: int, stop: int) -> None:
+        try:
+            visitor(start, stop)
+        except Damage as damage:
+            self.damage.append(damage)
+
     def _chunk(self, start: int, stop: int) -> None:
         self.chunks.append(chunk_at(self._data, start, stop))
-
-    def _message_index(self, start: int, stop: int) -> None:
-        if not self.chunks or (stop - start) % PAIR_BYTES != INDEX_HEAD.size:
-            raise Damage(f"the message index at byte {start} fits no chunk")
-        channel, _ = INDEX_HEAD.unpack_from(self._data, start)
-        self.chunks[-1].indexes[channel] = (start + INDEX_HEAD.size, stop)
 
     def _message(self, *_: int) -> None:
         self._has_loose_messages = True

@@ -4,6 +4,7 @@ import fcntl
 import shutil
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from mmap import mmap
 from pathlib import Path
 from struct import Struct
@@ -75,12 +76,19 @@ def repair(path: Path) -> Repaired:
 
 def _require_idle(file: Path) -> None:
     try:
-        with file.open("rb") as opened:
-            fcntl.flock(opened, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        raise BagError(f"{file} is being recorded", "a bag that nobody writes", "end the recorder first") from None
+        with file.open("rb") as opened, suppress(OSError):  # a file system without locks
+            if _is_locked(opened.fileno()):
+                raise BagError(f"{file} is being recorded", "a bag that nobody writes", "end the recorder first")
     except OSError as error:
         raise BagError(f"{file} cannot be read: {error.strerror}") from None
+
+
+def _is_locked(file: int) -> bool:
+    try:
+        fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    return False
 
 
 def _messages_if_complete(path: Path) -> int | None:
