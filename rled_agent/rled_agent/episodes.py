@@ -59,13 +59,19 @@ class EpisodeLog:
         """As many episodes as wanted have ended."""
         return len(self.finished) >= self.wanted
 
-    def add(self, tick: Tick) -> None:
-        """Take a tick; an episode counts when its last tick is seen, and only if its first was seen too."""
+    def add(self, tick: Tick) -> bool:
+        """Take a tick; an episode counts when its last tick is seen, and only if its first was seen too.
+
+        Returns:
+            Whether an episode ended with it.
+        """
         if self._current is None or self._current.number != tick.status.episode:
             self._current = Episode(tick.status.episode) if tick.status.step == 0 else None
         if self._current is None or self.full:
-            return
+            return False
         self._current.add(tick)
-        if self._current.finished:
+        ended = self._current.finished
+        if ended:
             self.finished.append(self._current)
             self._current = None
+        return ended

@@ -1,6 +1,7 @@
 """Command: expert and learned policy side by side, on seen and unseen targets."""
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,13 +16,13 @@ from rled_msgs_py.task import TaskDescription
 from rled_sim.kinematics import Chain
 from rled_sim.robots import robot_named
 from rled_sim.tasks import reach_task
-from tqdm import tqdm
 
 from rled_agent.config import MANY, SEEDS, require_ranges
 from rled_agent.demonstrations import demonstration_points
 from rled_agent.evaluation import Band, Motion, Score, move, score, seen_band, unseen_band
 from rled_agent.plots import Floats, draw_tool_paths
 from rled_agent.policy import Policy, load_policy
+from rled_agent.progress import Progress
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,7 @@ def main() -> None:
         bag.task.require_same_robot(policy.task, name)
     results = _evaluate(bag, policies, options)
     _print_table(results)
-    plain = {band: {name: value._asdict() for name, value in row.items()} for band, row in results.items()}
+    plain = {band: {name: _plain(value) for name, value in row.items()} for band, row in results.items()}
     write_whole(options.output / "evaluation.json", json.dumps(plain, indent=2) + "\n")
     print(f"wrote {options.output}")
 
@@ -76,10 +77,14 @@ def _evaluate(bag: Bag, policies: Mapping[str, Policy], options: Options) -> dic
     risky = reach_task(robot_named(task.robot)).risky
     known = demonstration_points(bag).positions
     results: dict[str, dict[str, Score]] = {}
-    for band in tqdm(_bands(bag, chain, options), unit="band", dynamic_ncols=True):
-        motions = {name: move(task, chain, policy.act, band, options.steps) for name, policy in policies.items()}
-        results[band.name] = {name: score(task, each, risky) for name, each in motions.items()}
-        _draw(options.output / f"paths_{band.name.replace(' ', '_')}.png", band, known, motions, task)
+    bands = _bands(bag, chain, options)
+    with Progress("band", len(bands)) as progress:
+        for done, band in enumerate(bands, start=1):
+            motions = {name: move(task, chain, policy.act, band, options.steps) for name, policy in policies.items()}
+            row = {name: score(task, each, risky) for name, each in motions.items()}
+            _draw(options.output / f"paths_{band.name.replace(' ', '_')}.png", band, known, motions, task)
+            progress.say(done, {f"success of {name}": each.success for name, each in row.items()})
+            results[band.name] = row
     return results
 
 
@@ -97,6 +102,10 @@ def _draw(path: Path, band: Band, known: Floats, motions: Mapping[str, list[Moti
     title = f"{task.robot}: targets {band.name}, {len(band.targets[:20])} of {len(band.targets)}"
     goals = band.targets[:20]
     draw_tool_paths(path, ("demonstrated points", known), goals, paths, plane, task.tolerance**0.5, title)
+
+
+def _plain(value: Score) -> dict[str, float | None]:
+    return {name: figure if math.isfinite(figure) else None for name, figure in value._asdict().items()}
 
 
 def _print_table(results: Mapping[str, Mapping[str, Score]]) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from threading import Event
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 import torch
@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from rled_msgs_py.bags import Bag
 from rled_msgs_py.errors import RledError, command_line
 from rled_msgs_py.stopping import stop_requested
+from rled_msgs_py.task import TaskDescription
 from torch.utils.tensorboard import SummaryWriter
-from tqdm import tqdm
 
 from rled_agent.config import TrainConfig
 from rled_agent.demonstrations import demonstration_points
@@ -25,9 +25,10 @@ from rled_agent.expertise import Expertise, no_expertise, read_expertise
 from rled_agent.interval import Interval
 from rled_agent.policy import Policy
 from rled_agent.presets import PRESETS
+from rled_agent.progress import Progress
 from rled_agent.rollout import EpisodeResult
 from rled_agent.run_directory import RunDirectory
-from rled_agent.trainer import Trainer
+from rled_agent.trainer import DivergenceError, Trainer
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,20 @@ class Options:
     """continue the run in the output folder, bit for bit; steps may grow, nothing else may change"""
     config: Annotated[TrainConfig, tyro.conf.arg(name="")] = field(default_factory=TrainConfig)
     """settings of the run"""
+
+
+class Begin(NamedTuple):
+    """Where a run was when this process took it up.
+
+    Attributes:
+        time: of the performance counter (s).
+        step: environment steps.
+        updates: gradient steps.
+    """
+
+    time: float
+    step: int
+    updates: int
 
 
 @command_line
@@ -101,7 +116,7 @@ def _environments(options: Options) -> Iterator[tuple[Environment, Environment, 
         expertise = read_expertise(evaluation_env, bag, options.expert, options.config)
     else:
         expertise = no_expertise(evaluation_env, options.config)
-    env = _graph_environment() if options.over == "graph" else make_environment(options.config, starts)
+    env = _training_environment(options, starts, task_of(evaluation_env))
     try:
         yield env, evaluation_env, expertise
     finally:
@@ -109,51 +124,72 @@ def _environments(options: Options) -> Iterator[tuple[Environment, Environment, 
         evaluation_env.close()
 
 
-def _graph_environment() -> Environment:
+def _training_environment(
+    options: Options, starts: NDArray[np.float64] | None, task: TaskDescription | None
+) -> Environment:
+    if options.over == "process":
+        return make_environment(options.config, starts)
     from rled_agent.graph_env import GraphEnv
 
-    return GraphEnv()
+    if task is None:
+        raise RledError(f"no simulation on the graph runs env '{options.config.env}'", "an environment of rled")
+    env = GraphEnv()
+    task.require_same_robot(env.task, "the simulation")
+    if env.task.reward != task.reward:
+        raise RledError(f"the simulation's reward is {env.task.reward}", task.reward, "start sim_node with --reward")
+    return env
 
 
 def _train(trainer: Trainer, directory: RunDirectory, board: SummaryWriter, stop: Event) -> None:
     schedule = trainer.config.schedule
-    started, first = time.perf_counter(), trainer.step
-    with tqdm(total=schedule.steps, initial=trainer.step, unit="step", mininterval=1.0, dynamic_ncols=True) as bar:
+    begin = Begin(time.perf_counter(), trainer.step, trainer.learner.updates)
+    with Progress("step", schedule.steps, trainer.step) as progress:
         while trainer.step < schedule.steps and not stop.is_set():
-            trainer.advance()
-            bar.update()
+            _advance(trainer, directory)
+            progress.move(trainer.step)
             if trainer.step % schedule.log_every == 0 or trainer.step == schedule.steps:
-                row = _row(trainer, started, first)
+                row = _row(trainer, begin)
                 directory.append(row)
-                _show(row, bar, board)
+                _show(row, progress, board)
             if trainer.step % schedule.checkpoint_every == 0 or trainer.step == schedule.steps:
                 _save(trainer, directory)
     if stop.is_set():
         _save(trainer, directory)
 
 
-def _row(trainer: Trainer, started: float, first: int) -> dict[str, float]:
+def _advance(trainer: Trainer, directory: RunDirectory) -> None:
+    try:
+        trainer.advance()
+    except DivergenceError as error:
+        last = f"the last good checkpoint is {directory.checkpoint_path}"
+        kept = last if directory.checkpoint_path.exists() else "there is no checkpoint yet"
+        raise DivergenceError(error.what, error.accepted, f"{error.remedy}; {kept}") from None
+
+
+def _row(trainer: Trainer, begin: Begin) -> dict[str, float]:
     """Close the interval; evaluate when it is due."""
-    seconds = time.perf_counter() - started
+    seconds = time.perf_counter() - begin.time
     row = {"step": float(trainer.step), **trainer.interval.row(), "updates": float(trainer.learner.updates)}
-    row["steps_per_second"] = (trainer.step - first) / seconds
+    row["steps_per_second"] = (trainer.step - begin.step) / seconds
+    row["updates_per_second"] = (trainer.learner.updates - begin.updates) / seconds
     trainer.interval = Interval()
     due = trainer.step % trainer.config.schedule.evaluate_every == 0
     results = trainer.evaluate() if due else dict.fromkeys(EpisodeResult._fields, np.nan)
     return row | {f"evaluation_{name}": value for name, value in results.items()}
 
 
-def _show(row: dict[str, float], bar: "tqdm[Any]", board: SummaryWriter) -> None:
+def _show(row: dict[str, float], progress: Progress, board: SummaryWriter) -> None:
     for name, value in row.items():
         if np.isfinite(value):
             board.add_scalar(name, value, int(row["step"]))
     shown = {
+        "updates/s": row["updates_per_second"],
         "return": row["reward"],
         "targets": row["targets_reached"],
         "demonstrated": row["demonstrated_share"],
         "uncertainty": row["qcd_median"],
     }
-    bar.set_postfix({name: f"{value:.3g}" for name, value in shown.items() if np.isfinite(value)}, refresh=False)
+    progress.say(int(row["step"]), shown)
 
 
 def _save(trainer: Trainer, directory: RunDirectory) -> None:

@@ -12,12 +12,12 @@ import torch
 import tyro
 from rled_msgs_py.errors import command_line
 from rled_msgs_py.files import write_whole
-from tqdm import tqdm
 
 from rled_agent.config import SEEDS, require_ranges
 from rled_agent.demonstrations import open_demonstrations
 from rled_agent.expert import CurvePoint, ExpertConfig, clone_expert
 from rled_agent.plots import draw_learning_curve
+from rled_agent.progress import Progress
 
 
 @dataclass(frozen=True)
@@ -48,11 +48,10 @@ def main() -> None:
     demonstrations = open_demonstrations(options.bag, options.source)
     print(f"{len(demonstrations):,} demonstrated transitions of robot {demonstrations.task.robot}")
     generator = np.random.default_rng(options.seed)
-    with tqdm(total=options.expert.steps, unit="step", mininterval=1.0, dynamic_ncols=True) as bar:
+    with Progress("step", options.expert.steps) as progress:
 
         def report(point: CurvePoint) -> None:
-            bar.set_postfix(train=f"{point.train:.5f}", validation=f"{point.validation:.5f}", refresh=False)
-            bar.update(point.step - bar.n)
+            progress.say(point.step, {"training error": point.train, "validation error": point.validation})
 
         policy, curve = clone_expert(demonstrations, options.expert, generator, report)
     policy.save(options.output / "expert.safetensors")

@@ -17,10 +17,10 @@ from rled_msgs_py.records import Text
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import Tick
 from rled_msgs_py.topics import TASK_DESCRIPTION
-from tqdm import tqdm
 
 from rled_agent.episodes import Episode, EpisodeLog
 from rled_agent.plots import draw_tool_paths
+from rled_agent.progress import Progress
 
 WAIT = 30.0
 """Seconds without a tick after which watching gives up."""
@@ -44,7 +44,7 @@ class WatchEpisodes(Node):
         self._log = EpisodeLog(params.episodes)
         self._task: TaskDescription | None = None
         self._heard = time.monotonic()
-        self._bar = tqdm(total=params.episodes, unit="episode", dynamic_ncols=True)
+        self._progress = Progress("episode", params.episodes)
         subscribe(self, TASK_DESCRIPTION, self._on_task)
         subscribe_ticks(self, self._on_tick, depth=10_000)  # outlasts a busy moment of this process
         self.create_timer(1.0, self._check)
@@ -56,8 +56,9 @@ class WatchEpisodes(Node):
         if self._log.full:
             return
         self._heard = time.monotonic()
-        self._log.add(tick)
-        self._bar.update(len(self._log.finished) - self._bar.n)
+        if self._log.add(tick):
+            reached = np.mean([each.targets_reached for each in self._log.finished])
+            self._progress.say(len(self._log.finished), {"targets": float(reached)})
         if self._log.full and self._task is not None:
             self._finish(self._task)
 
@@ -66,7 +67,7 @@ class WatchEpisodes(Node):
             raise RledError(f"no tick for {WAIT:.0f} s", "", "are sim_node and an agent or operator running?")
 
     def _finish(self, task: TaskDescription) -> None:
-        self._bar.close()
+        self._progress.close()
         summary = summarize(self._log.finished)
         write_whole(self._output / "episodes.json", json.dumps(summary, indent=2) + "\n")
         _draw(self._output / "paths.png", self._log.finished, task)

@@ -28,13 +28,13 @@ class ContractError(RledError):
 
 
 def command_line(main: Callable[[], None]) -> Callable[[], None]:
-    """Wrap a command's ``main``: a user's mistake prints one line and exits with 2, Ctrl-C with 130."""
+    """Wrap a command's ``main``: a user's mistake or a full disk prints one line and exits with 2, Ctrl-C with 130."""
 
     @functools.wraps(main)
     def wrapped() -> None:
         try:
             main()
-        except RledError as error:
+        except (RledError, OSError) as error:
             print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
             sys.exit(2)
         except KeyboardInterrupt:
