@@ -153,6 +153,7 @@ RECORDS: dict[Topic, st.SearchStrategy[Any]] = {
     topics.MARKED_EE_POSE: POSES,
     topics.ROBOT_DESCRIPTION: st.builds(Text, TEXTS),
     topics.TASK_DESCRIPTION: st.builds(Text, TEXTS),
+    topics.EPISODE_EVENTS: st.builds(Text, TEXTS),
     topics.DIAGNOSTICS: HEALTHS,
 }
 ENTRIES = st.one_of([st.tuples(st.just(topic), records) for topic, records in RECORDS.items()])
