@@ -85,7 +85,7 @@ def _size(points: Floats, margin: float) -> tuple[float, float]:
 
 def _draw_group(axes: Axes, name: str, group: Sequence[Floats], color: str) -> None:
     """Paths (m), shape (t, 2) each; the more there is of them, the fainter."""
-    strength = float(np.clip(300.0 / sum(map(len, group)), 0.25, 0.9))
+    strength = float(np.clip(200.0 / sum(map(len, group)), 0.18, 0.9))
     for j, each in enumerate(group):
         axes.plot(
             *each.T, ".-", color=color, linewidth=1.2, markersize=3, alpha=strength, label=name if j == 0 else None
