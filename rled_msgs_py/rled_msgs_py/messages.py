@@ -277,6 +277,7 @@ FROM_MSG: Mapping[str, Callable[[Any], Record]] = {
     topics.MARKED_EE_POSE.name: pose_sample_from_msg,
     topics.ROBOT_DESCRIPTION.name: text_from_msg,
     topics.TASK_DESCRIPTION.name: text_from_msg,
+    topics.EPISODE_EVENTS.name: text_from_msg,
     topics.DIAGNOSTICS.name: health_from_msg,
 }
 """How to read a message, by the relative name of its topic."""

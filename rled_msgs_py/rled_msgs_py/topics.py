@@ -54,6 +54,7 @@ HUMAN_JOINT_DELTA = Topic("human/joint_delta", JOINT_STATE, COMMAND_QOS)
 SAFETY_GATE = Topic("safety_gate", DIAGNOSTIC_ARRAY, Qos(depth=10))
 MARKED_JOINT_STATES = Topic("marked/joint_states", JOINT_STATE, EVENT_QOS)
 MARKED_EE_POSE = Topic("marked/ee_pose", POSE_STAMPED, EVENT_QOS)
+EPISODE_EVENTS = Topic("episode_events", STRING, EVENT_QOS)
 ROBOT_DESCRIPTION = Topic("robot_description", STRING, LATCHED_QOS)
 TASK_DESCRIPTION = Topic("task_description", STRING, LATCHED_QOS)
 MARKERS = Topic("markers", MARKER_ARRAY, LATCHED_QOS)
@@ -69,6 +70,7 @@ RECORDED = (
     TASK_STATUS,
     MARKED_JOINT_STATES,
     MARKED_EE_POSE,
+    EPISODE_EVENTS,
     SAFETY_GATE,
     HUMAN_JOINT_DELTA,
     JOINT_DELTA,
