@@ -108,3 +108,20 @@ def planar_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
                     JOINT_DELTA=DeltaCommand(stamp, task.joint_names, delta),
                 )
     return path
+
+
+@pytest.fixture(scope="session")
+def planar_expert(planar_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Weights of a small expert cloned from that demonstration: it reaches nearly every target."""
+    import torch
+    from rled_agent.demonstrations import open_demonstrations
+    from rled_agent.expert import ExpertConfig, clone_expert
+    from rled_agent.networks import Architecture
+
+    torch.set_num_threads(1)
+    config = ExpertConfig(Architecture(hidden=(48, 48)), steps=1500)
+    generator = np.random.default_rng(0)
+    policy, _ = clone_expert(open_demonstrations(planar_bag, "points"), config, generator, lambda point: None)
+    path = tmp_path_factory.mktemp("expert") / "expert.safetensors"
+    policy.save(path)
+    return path

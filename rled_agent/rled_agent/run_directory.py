@@ -58,8 +58,11 @@ class RunDirectory:
         write_checkpoint(self.checkpoint_path, checkpoint)
 
     def load(self) -> Checkpoint:
-        """Read the checkpoint, and drop the metrics that came after it."""
+        """Read the checkpoint, and drop the metrics that came after it and what a killed process had half written."""
         checkpoint = read_checkpoint(self.checkpoint_path)
+        for path in (self.checkpoint_path, self.policy_path, self.metrics_path):
+            for leftover in self.path.glob(f".{path.stem}-*{path.suffix}"):
+                leftover.unlink()
         if self.metrics_path.exists():
             with self.metrics_path.open(newline="") as file:
                 rows = [{name: float(value) for name, value in row.items()} for row in csv.DictReader(file)]

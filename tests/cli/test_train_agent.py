@@ -1,0 +1,301 @@
+"""The command, with options as a person types them; what need not be killed runs in this process to save its start."""
+
+import csv
+import json
+import math
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from rled_agent.checkpoint import Checkpoint, read_checkpoint
+from rled_agent.policy import load_policy
+from rled_msgs_py.processes import Children, program
+
+from rled_agent import train_agent
+
+PATIENCE = 120.0
+ENDLESS = 10**9
+SCHEDULE = {"train-after": 100, "train-every": 50, "gradient-steps": 10, "batch-size": 20, "log-every": 50}
+SCHEDULE |= {"checkpoint-every": 100, "evaluate-every": 300, "evaluation-episodes": 2, "capacity": 500}
+SMALL = [word for name, value in SCHEDULE.items() for word in (f"--schedule.{name}", str(value))]
+SMALL += ["--behaviour.passes", "6", "--learner.actor.hidden", "16", "16", "--learner.critic.hidden", "16", "16"]
+PENDULUM = ["pendulum", *SMALL]
+FILES = {"checkpoint.safetensors", "config.json", "metrics.csv", "policy.safetensors"}
+
+
+@pytest.fixture
+def planar(planar_bag: Path, planar_expert: Path) -> list[str]:
+    """Options of a small gated run on the planar robot, a quarter of each batch demonstrated."""
+    return ["planar_mc_tuned", "--bag", str(planar_bag), "--expert", str(planar_expert), *SMALL]
+
+
+@pytest.fixture
+def train(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Checkpoint]:
+    """Run the command in this process; returns the checkpoint that it ended with."""
+
+    def run(options: list[str], output: Path, steps: int, *more: str) -> Checkpoint:
+        given = [*options, "--output", str(output), "--schedule.steps", str(steps), *more]
+        monkeypatch.setattr(sys, "argv", ["train_agent", *given])
+        train_agent.main()
+        return read_checkpoint(output / "checkpoint.safetensors")
+
+    return run
+
+
+@pytest.fixture
+def refused(train: Callable[..., Checkpoint], capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
+    """Run the command, which must end with code 2 and one line; returns the line."""
+
+    def run(*arguments: object) -> str:
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as ended:
+            train(*arguments)
+        lines = [line for line in capsys.readouterr().err.splitlines() if not line.startswith("step ")]
+        assert ended.value.code == 2
+        assert len(lines) == 1
+        assert lines[0].startswith("error: ")
+        return lines[0]
+
+    return run
+
+
+@contextmanager
+def started(options: list[str], output: Path, steps: int) -> Iterator["subprocess.Popen[str]"]:
+    """The command as a process of its own."""
+    command = [*program("rled_agent", "train_agent"), *options, "--output", str(output), "--schedule.steps", str(steps)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def await_step(process: "subprocess.Popen[str]", output: Path, step: int) -> None:
+    """Wait until the checkpoint of a step, or a later one, has been written."""
+    checkpoint, deadline = output / "checkpoint.safetensors", time.monotonic() + PATIENCE
+    while not (checkpoint.exists() and read_checkpoint(checkpoint).state["step"] >= step):
+        assert process.poll() is None, process.communicate()[0]
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def rows(output: Path) -> list[dict[str, float]]:
+    with (output / "metrics.csv").open(newline="") as file:
+        return [{name: float(value) for name, value in row.items()} for row in csv.DictReader(file)]
+
+
+def assert_same(one: Checkpoint, other: Checkpoint) -> None:
+    assert one.state == other.state
+    assert one.tensors.keys() == other.tensors.keys()
+    for name, tensor in one.tensors.items():
+        assert torch.equal(tensor, other.tensors[name]), name
+
+
+def assert_same_figures(one: list[dict[str, float]], other: list[dict[str, float]]) -> None:
+    assert len(one) == len(other)
+    for left, right in zip(one, other, strict=True):
+        names = {name for name in left if not name.endswith("_per_second")}
+        assert {name: left[name] for name in names} == pytest.approx({name: right[name] for name in names}, nan_ok=True)
+
+
+def test_a_run_is_a_directory(train, planar, planar_bag, planar_expert, tmp_path, capsys) -> None:
+    output = tmp_path / "run"
+    checkpoint = train(planar, output, 620)
+    assert checkpoint.state["step"] == 620
+    assert checkpoint.state["updates"] == 10 * 11  # after steps 100, 150, ..., 600
+    files = {each.name for each in output.iterdir()}
+    assert files > FILES
+    assert len(files - FILES) == 1
+    assert (files - FILES).pop().startswith("events.out.tfevents")
+    record = json.loads((output / "config.json").read_text())
+    assert record["config"]["learner"]["actor"]["hidden"] == [16, 16]
+    assert record["config"]["behaviour"]["name"] == "gate"
+    assert record["demonstrations"] == {"bag": str(planar_bag), "expert": str(planar_expert), "over": "process"}
+    assert {"git", "python", "torch"} < record.keys()
+    table = rows(output)
+    assert [row["step"] for row in table] == [*range(50, 601, 50), 620]
+    assert [row["updates"] for row in table][:4] == [0, 10, 20, 30]
+    assert [row["step"] for row in table if math.isfinite(row["evaluation_reward"])] == [300, 600]
+    assert all(0.0 <= row["demonstrated_share"] <= 1.0 for row in table)
+    assert all(row["qcd_mean"] > 0.0 and row["iqr_mean"] > 0.0 for row in table)
+    policy = load_policy(output / "policy.safetensors")
+    assert torch.equal(policy.network.parameters, checkpoint.tensors["actor.parameters"])
+    assert policy.task.robot == "planar"
+    said = capsys.readouterr()
+    assert f"620 of 620 steps; the run is in {output}" in said.out
+    assert said.err.splitlines()[-1].startswith("step 620 of 620: updates/s ")
+
+
+def test_a_killed_run_continues_to_the_same_state(train, planar, tmp_path) -> None:
+    """SIGKILL at any moment: what the checkpoint says is what goes on, bit for bit."""
+    output = tmp_path / "killed"
+    with started(planar, output, ENDLESS) as process:
+        await_step(process, output, 300)
+    reached = read_checkpoint(output / "checkpoint.safetensors").state["step"]
+    end = reached + 350
+    resumed = train(planar, output, end, "--resume")
+    assert_same(resumed, train(planar, tmp_path / "whole", end))
+    assert_same_figures(rows(output), rows(tmp_path / "whole"))
+    policies = [load_policy(each / "policy.safetensors").network.parameters for each in (output, tmp_path / "whole")]
+    assert torch.equal(*policies)
+    assert not [each for each in output.iterdir() if each.name.startswith(".")]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_a_run_with_a_checkpoint_that_continues(train, tmp_path, number) -> None:
+    output = tmp_path / "stopped"
+    with started(PENDULUM, output, ENDLESS) as process:
+        await_step(process, output, 100)
+        process.send_signal(number)
+        said, _ = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 0
+    reached = read_checkpoint(output / "checkpoint.safetensors").state["step"]
+    assert f"{reached:,} of {ENDLESS:,} steps; the run is in {output}" in said
+    assert "Traceback" not in said
+    resumed = train(PENDULUM, output, reached + 130, "--resume")
+    assert_same(resumed, train(PENDULUM, tmp_path / "whole", reached + 130))
+
+
+def test_continuing_adds_rows_and_says_where(train, tmp_path, capsys) -> None:
+    train(PENDULUM, tmp_path, 100)
+    train(PENDULUM, tmp_path, 200, "--resume")
+    assert "continuing at step 100" in capsys.readouterr().out
+    assert [row["step"] for row in rows(tmp_path)] == [50, 100, 150, 200]
+
+
+def test_the_same_seed_gives_the_same_run_and_another_seed_another(train, tmp_path) -> None:
+    one, same = (train(PENDULUM, tmp_path / name, 150) for name in ("one", "same"))
+    assert_same(one, same)
+    other = train(PENDULUM, tmp_path / "other", 150, "--seed", "1")
+    assert not torch.equal(one.tensors["actor.parameters"], other.tensors["actor.parameters"])
+
+
+@pytest.mark.parametrize(
+    ("change", "what"),
+    [
+        (
+            ["--learner.gamma", "0.5"],
+            "config.learner.gamma changed since the run began; accepted: config.learner.gamma ",
+        ),
+        (["--learner.actor.hidden", "16", "17"], "config.learner.actor.hidden changed"),
+        (["--env", "MountainCarContinuous-v0"], "config.env changed since the run began"),
+        (["--seed", "3", "--schedule.batch-size", "21"], "config.seed, config.schedule.batch_size changed"),
+    ],
+)
+def test_a_changed_setting_does_not_continue(train, refused, tmp_path, change, what) -> None:
+    train(PENDULUM, tmp_path, 100)
+    before = (tmp_path / "checkpoint.safetensors").read_bytes()
+    assert what in refused(PENDULUM, tmp_path, 200, "--resume", *change)
+    assert (tmp_path / "checkpoint.safetensors").read_bytes() == before
+
+
+def test_a_folder_with_a_run_is_not_overwritten(train, refused, tmp_path) -> None:
+    train(PENDULUM, tmp_path, 50)
+    assert "holds a run already" in refused(PENDULUM, tmp_path, 50)
+
+
+def test_there_is_nothing_to_continue(train, refused, tmp_path) -> None:
+    assert "holds no run" in refused(PENDULUM, tmp_path, 100, "--resume")
+    train(PENDULUM, tmp_path, 50)
+    (tmp_path / "checkpoint.safetensors").unlink()
+    assert "there is no " in refused(PENDULUM, tmp_path, 100, "--resume")
+
+
+def test_a_damaged_or_foreign_checkpoint_is_refused(train, refused, planar, tmp_path) -> None:
+    train(PENDULUM, tmp_path / "run", 50)
+    checkpoint = tmp_path / "run" / "checkpoint.safetensors"
+    checkpoint.write_bytes(checkpoint.read_bytes()[:-10])
+    assert f"{checkpoint} is damaged" in refused(PENDULUM, tmp_path / "run", 100, "--resume")
+    train(planar, tmp_path / "other", 50)
+    checkpoint.write_bytes((tmp_path / "other" / "checkpoint.safetensors").read_bytes())
+    assert "the checkpoint holds" in refused(PENDULUM, tmp_path / "run", 100, "--resume")
+
+
+@pytest.mark.parametrize(
+    ("options", "what"),
+    [
+        (["--env", "CartPole-v1"], "the action space is Discrete(2); accepted: a Box of one dimension"),
+        (["--env", "NoSuch-v0"], "env 'NoSuch-v0'"),
+        (["--behaviour.phi", "1.5"], "behaviour.phi is 1.5; accepted: 0 to 1"),
+        (["--behaviour.phi", "0.5"], "these settings need an expert"),
+        (["--schedule.checkpoint-every", "70"], "schedule.checkpoint_every is 70; accepted: a multiple of"),
+        (["--seed", "-1"], "seed is -1; accepted: 0 to "),
+        (["--bag", "/nowhere/bag"], "/nowhere/bag does not exist"),
+        (["--reward", "sparse"], "env 'Pendulum-v1' takes no reward"),
+    ],
+)
+def test_what_cannot_be_learned_is_one_line_and_nothing_is_written(refused, tmp_path, options, what) -> None:
+    assert what in refused(PENDULUM, tmp_path / "run", 100, *options)
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_bag_or_an_expert_of_another_robot_is_refused(refused, planar, tmp_path) -> None:
+    for options, what in (
+        (["--env", "rled/PandaReach-v0"], "start joints of shape (25, 2); accepted: (k, 7)"),
+        (["--expert", str(tmp_path / "gone")], "there is no "),
+    ):
+        assert what in refused(planar, tmp_path / "run", 100, *options)
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_loss_that_is_no_number_names_the_step_and_the_last_good_checkpoint(refused, monkeypatch, tmp_path) -> None:
+    update = train_agent.Trainer.advance
+
+    def poisoned(trainer) -> None:
+        if trainer.step == 140:
+            trainer.replay.rows[:, 4] = np.nan  # rewards, as an environment that breaks would pay
+        update(trainer)
+
+    monkeypatch.setattr(train_agent.Trainer, "advance", poisoned)
+    line = refused(PENDULUM, tmp_path, 300)
+    assert "no number at step 150" in line
+    assert line.endswith(f"the last good checkpoint is {tmp_path / 'checkpoint.safetensors'}")
+    assert read_checkpoint(tmp_path / "checkpoint.safetensors").state["step"] == 100
+
+
+def test_a_full_disk_is_one_line_and_the_last_good_checkpoint_continues(train, tmp_path) -> None:
+    """A limit on the size of files stands for the disk: the replay, and with it the checkpoint, grows beyond it."""
+    output = tmp_path / "run"
+    size = 40_000
+    command = [*program("rled_agent", "train_agent"), *PENDULUM, "--output", str(output), "--schedule.steps", "1000"]
+    command += ["--schedule.capacity", "100000"]
+
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
+
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, preexec_fn=limit)
+    assert done.returncode == 2, done.stderr
+    lines = [line for line in done.stderr.splitlines() if not line.startswith("step ")]
+    assert len(lines) == 1, done.stderr
+    assert lines[0].startswith(f"error: can't write {output / 'checkpoint.safetensors'}")
+    kept = read_checkpoint(output / "checkpoint.safetensors").state["step"]
+    assert 0 < kept < 1000
+    assert {each.name for each in output.iterdir() if "tfevents" not in each.name} <= FILES
+    more = ["--schedule.capacity", "100000"]
+    resumed = train(PENDULUM, output, kept + 100, "--resume", *more)
+    assert_same(resumed, train(PENDULUM, tmp_path / "whole", kept + 100, *more))
+
+
+def test_training_over_the_graph_is_training_in_process(train, refused, planar, planar_bag, tmp_path) -> None:
+    with Children() as children:
+        command = [*program("rled_sim", "sim_node"), "--robot", "planar", "--start-points", str(planar_bag)]
+        children.start([*command, "--discovery-wait", "0.2"], echo=False)
+        over = train(planar, tmp_path / "graph", 260, "--over", "graph")
+        for options, what in (
+            ([*planar, "--reward", "sparse"], "the simulation's reward is dense; accepted: sparse"),
+            ([*PENDULUM, "--env", "rled/PandaReach-v0", "--reward", "dense"], "the simulation is for robot planar"),
+            (PENDULUM, "no simulation on the graph runs env 'Pendulum-v1'"),
+        ):
+            assert what in refused(options, tmp_path / "other", 300, "--over", "graph")
+        children.check()
+    assert "demonstrations.over changed" in refused(planar, tmp_path / "graph", 300, "--resume")
+    assert_same(over, train(planar, tmp_path / "process", 260))
