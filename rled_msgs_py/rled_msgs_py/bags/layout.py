@@ -25,7 +25,7 @@ class Layout:
     def __init__(self, message: bytes) -> None:
         self._message = message
         self._end = ENCAPSULATION
-        self._places: dict[str, tuple[DTypeLike, int]] = {"encoding": (("u1", 2), 0)}
+        self._places: dict[str, tuple[DTypeLike, int]] = {"encoding": (("u1", (2,)), 0)}
 
     def add(self, name: str, kind: DTypeLike, alignment: int) -> int:
         """Place a field; returns where. CDR aligns to the end of the encapsulation header."""
@@ -43,12 +43,12 @@ class Layout:
 
     def text(self, name: str) -> None:
         """Place a string."""
-        self.add(name, ("u1", self.count(name)), 1)
+        self.add(name, ("u1", (self.count(name),)), 1)
 
     def doubles(self, name: str, count: int) -> None:
         """Place float64 values, none of them when ``count`` is 0."""
         if count:
-            self.add(name, ("<f8", count), 8)
+            self.add(name, ("<f8", (count,)), 8)
 
     def header(self) -> None:
         """Place a std_msgs/Header."""
