@@ -22,6 +22,7 @@ setup(
     entry_points={
         "console_scripts": [
             "teleop_scripted = rled_teleop.teleop_scripted:main",
+            "teleop_keyboard = rled_teleop.teleop_keyboard:main",
             "record_demos = rled_teleop.record_demos:main",
         ]
     },

@@ -1,0 +1,117 @@
+"""What every operator node does: learn robot and task from the topics, answer each new tick at its pace."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rled_msgs_py.convert import to_msg
+from rled_msgs_py.errors import RledError
+from rled_msgs_py.node import advertise, subscribe, subscribe_ticks
+from rled_msgs_py.params import param
+from rled_msgs_py.records import DeltaCommand, Text
+from rled_msgs_py.task import TaskDescription
+from rled_msgs_py.tick import Tick
+from rled_msgs_py.topics import HUMAN_JOINT_DELTA, JOINT_DELTA, ROBOT_DESCRIPTION, TASK_DESCRIPTION
+from rled_sim.kinematics import Chain
+
+from rled_teleop.jog import Jog
+
+Vector = NDArray[np.float64]
+Steer = Callable[[Jog, Vector], Vector | None]
+"""Makes Δq (rad) of joint angles (rad), both of shape (n,); None when the person has let go."""
+
+LOOK = 0.005
+"""Seconds between two looks at keys, devices and ticks that wait."""
+SLACK = 0.5
+"""Share of a period that ticks of a real-time simulation may come early or late without being waited for."""
+
+
+@dataclass(frozen=True)
+class DrivingParams:
+    """Parameters of every operator that a person drives with."""
+
+    timeout: float = param(
+        0.3, "deadman: motion ends so long after the last key or message (s)", low=0.02, high=2.0, read_only=True
+    )
+    beside_agent: bool = param(
+        False,
+        "publish human/joint_delta, and only while moving, to take over from an agent",
+        read_only=True,
+    )
+
+
+class Driving:
+    """Answers ticks with a displacement, one each period of real time at most; zero when the person has let go.
+
+    In lockstep the simulation waits for the answer, so this keeps real time for both of them.
+
+    Args:
+        node: whose topics and timer are used.
+        beside_agent: publish on ``human/joint_delta`` and nothing when the person has let go.
+        steer: what the person wants.
+
+    Attributes:
+        jog: the robot, None until it has described itself.
+        tick: the newest one, None before the first.
+        delta: the newest answer (rad), shape (n,); None before the first.
+    """
+
+    def __init__(self, node: Node, beside_agent: bool, steer: Steer) -> None:
+        self._node, self._beside_agent, self._steer = node, beside_agent, steer
+        self._task: TaskDescription | None = None
+        self._urdf = ""
+        self.jog: Jog | None = None
+        self.tick: Tick | None = None
+        self.delta: Vector | None = None
+        self._is_answered, self._due = True, -np.inf
+        self._output = advertise(node, HUMAN_JOINT_DELTA if beside_agent else JOINT_DELTA)
+        subscribe(node, TASK_DESCRIPTION, self._on_task)
+        subscribe(node, ROBOT_DESCRIPTION, self._on_robot)
+        subscribe_ticks(node, self._on_tick)
+
+    def look(self) -> None:
+        """Answer the newest tick if it is time; call it every ``LOOK``."""
+        if self.jog is None or self.tick is None or self._is_answered:
+            return
+        now, period = time.monotonic(), self.jog.task.period * 1e-9
+        if now >= self._due:
+            self._due = max(self._due, now - SLACK * period) + period
+            self._answer(self.jog, self.tick)
+
+    def start_timer(self, look: Callable[[], None]) -> None:
+        """Call ``look`` by the wall clock."""
+        self._node.create_timer(LOOK, look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _answer(self, jog: Jog, tick: Tick) -> None:
+        self._is_answered = True
+        if tick.status.terminated or tick.status.truncated:
+            return
+        names = jog.task.joint_names
+        delta = self._steer(jog, tick.joints.ordered(names).position)
+        self.delta = np.zeros(len(names)) if delta is None else delta
+        if delta is not None or not self._beside_agent:
+            self._output.publish(to_msg(DeltaCommand(tick.stamp, names, self.delta)))
+
+    def _on_tick(self, tick: Tick) -> None:
+        self.tick, self._is_answered = tick, False
+        self.look()
+
+    def _on_task(self, text: Text) -> None:
+        self._task = TaskDescription.from_json(text.data)
+        self._describe()
+
+    def _on_robot(self, text: Text) -> None:
+        self._urdf = text.data
+        self._describe()
+
+    def _describe(self) -> None:
+        if self._task is None or not self._urdf:
+            return
+        try:
+            self.jog = Jog(self._task, Chain.from_urdf(self._urdf, self._task.tip_link, self._task.joint_names))
+        except RledError as error:
+            self._node.get_logger().error(str(error))

@@ -1,0 +1,160 @@
+"""The keyboard operator in a pseudo-terminal of its own, driving a simulation and a recorder in other processes."""
+
+import fcntl
+import os
+import pty
+import re
+import select
+import signal
+import struct
+import subprocess
+import termios
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+
+import numpy as np
+import pytest
+from rled_msgs_py.processes import program
+
+PATIENCE = 40.0
+ROWS, COLUMNS = 24, 100
+
+
+class Terminal:
+    """A terminal with the keyboard operator in it: presses keys, keeps what the screen shows."""
+
+    def __init__(self, *arguments: str) -> None:
+        self.master, self.slave = pty.openpty()
+        fcntl.ioctl(self.slave, termios.TIOCSWINSZ, struct.pack("HHHH", ROWS, COLUMNS, 0, 0))
+        self.before = termios.tcgetattr(self.slave)
+        command = [*program("rled_teleop", "teleop_keyboard"), *arguments]
+        self.process = subprocess.Popen(
+            command, stdin=self.slave, stdout=self.slave, stderr=subprocess.PIPE, text=True, start_new_session=True
+        )
+        self.lines: list[str] = []
+        self._row = 0
+
+    def press(self, keys: str) -> None:
+        os.write(self.master, keys.encode())
+
+    def look(self, patience: float = 0.05) -> str:
+        """What the screen shows now."""
+        while select.select([self.master], [], [], patience)[0]:
+            self._show(os.read(self.master, 65536).decode(errors="replace"))
+            patience = 0.0
+        return "\n".join(self.lines)
+
+    def await_that(self, condition: Callable[[str], object], what: str, pressing: str = "") -> str:
+        """Look until the screen meets a condition, pressing keys all the while."""
+        deadline = time.monotonic() + PATIENCE
+        while not condition(text := self.look()):
+            assert self.process.poll() is None, self.process.communicate()[1]
+            assert time.monotonic() < deadline, f"waited in vain for {what}:\n{text}"
+            self.press(pressing)
+        return text
+
+    def _show(self, text: str) -> None:
+        for up, line in re.findall(r"\x1b\[(\d+)A|([^\n]*)\n", text):
+            if up:
+                self._row -= int(up)
+                continue
+            self.lines += [""] * (self._row + 1 - len(self.lines))
+            self.lines[self._row] = re.sub(r"\x1b\[[?\d]*[a-zA-Z]|\r", "", line)
+            self._row += 1
+
+    def end(self, number: int | None = None) -> int:
+        if number is not None:
+            self.process.send_signal(number)
+        deadline = time.monotonic() + PATIENCE
+        while self.process.poll() is None and time.monotonic() < deadline:
+            self.look()
+        return self.process.wait(timeout=1.0)
+
+    def close(self) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+        self.process.communicate()
+        os.close(self.master)
+        os.close(self.slave)
+
+
+@contextmanager
+def running(package: str, name: str, *arguments: str) -> Iterator["subprocess.Popen[str]"]:
+    process = subprocess.Popen([*program(package, name), *arguments], stderr=subprocess.PIPE, text=True)
+    try:
+        yield process
+    finally:
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
+        process.communicate(timeout=PATIENCE)
+
+
+@contextmanager
+def simulation(mode: str) -> Iterator[None]:
+    endless = ("--targets-per-episode", "0", "--max-steps", "0", "--discovery-wait", "0.2")
+    with running("rled_sim", "sim_node", "--robot", "planar", "--mode", mode, *endless):
+        yield
+
+
+def joints(text: str) -> np.ndarray:
+    (line,) = (line for line in text.splitlines() if line.startswith("joints"))
+    return np.array([float(number) for number in re.findall(r"[+-]\d+\.\d+", line)])
+
+
+def seconds(text: str) -> float:
+    found = re.search(r" t +(\d+\.\d+) s", text)
+    return float(found[1]) if found else 0.0
+
+
+def is_there(text: str) -> bool:
+    return "planar" in text
+
+
+@pytest.mark.parametrize("mode", ["real_time", "lockstep"])
+def test_a_held_key_turns_the_joint_and_letting_go_stops_it(mode: str) -> None:
+    with simulation(mode), closing(Terminal()) as terminal:
+        start = joints(terminal.await_that(is_there, "the robot"))
+        terminal.await_that(lambda text: joints(text)[1] > start[1] + 0.3, "the elbow to open", pressing="2\x1b[C")
+        rest = terminal.await_that(lambda text: "still" in text, "rest")
+        still = terminal.await_that(lambda text: seconds(text) > seconds(rest) + 0.1, "the last step to be seen")
+        later = terminal.await_that(lambda text: seconds(text) > seconds(still) + 0.5, "time to pass")
+        np.testing.assert_array_equal(joints(later), joints(still))
+        assert joints(later)[0] == pytest.approx(start[0], abs=1e-3)
+        terminal.press("Q")
+        assert terminal.end() == 0
+        assert termios.tcgetattr(terminal.slave) == terminal.before
+
+
+def test_lockstep_keeps_real_time() -> None:
+    with simulation("lockstep"), closing(Terminal()) as terminal:
+        first, began = seconds(terminal.await_that(is_there, "the robot")), time.monotonic()
+        passed = seconds(terminal.await_that(lambda text: seconds(text) > first + 2.0, "two seconds")) - first
+        assert passed == pytest.approx(time.monotonic() - began, rel=0.35)
+
+
+def test_keys_move_the_end_effector_change_the_speed_and_stop() -> None:
+    with simulation("real_time"), closing(Terminal()) as terminal:
+        terminal.await_that(is_there, "the robot")
+        terminal.press("+")
+        terminal.await_that(lambda text: "speed 50 %" in text, "more speed")
+        terminal.await_that(lambda text: "moving x -" in text, "motion", pressing="s")
+        terminal.press("?")  # not mapped
+        terminal.await_that(lambda text: "still" in text, "rest")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_restores_the_terminal(number: signal.Signals) -> None:
+    with closing(Terminal()) as terminal:
+        terminal.await_that(lambda text: "waiting for a simulation" in text, "the screen")
+        assert termios.tcgetattr(terminal.slave) != terminal.before
+        assert terminal.end(number) == 0
+        assert termios.tcgetattr(terminal.slave) == terminal.before
+
+
+def test_no_terminal_is_one_line() -> None:
+    command = program("rled_teleop", "teleop_keyboard")
+    done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=PATIENCE)
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: standard input is no terminal")
+    assert len(done.stderr.splitlines()) == 1
