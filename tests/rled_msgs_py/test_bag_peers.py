@@ -243,9 +243,29 @@ def test_a_bag_compressed_as_a_whole_is_refused_with_a_remedy(tmp_path, mode):
         Bag(path)
 
 
+def test_a_sqlite3_bag_is_read_like_any_other(tmp_path):
+    path = write_with_rosbags(tmp_path / "bag", recording(30), plugin=StoragePlugin.SQLITE3)
+    assert_recording(Bag(path))
+    (file,) = path.glob("*.db3")
+    assert_recording(Bag(file))
+
+
+def test_a_cut_or_foreign_sqlite3_file_is_refused(tmp_path):
+    path = write_with_rosbags(tmp_path / "bag", recording(30), plugin=StoragePlugin.SQLITE3)
+    (file,) = path.glob("*.db3")
+    data = file.read_bytes()
+    for rest in (b"", data[:10], data[:5000], b"hello, this is some text"):
+        file.write_bytes(rest)
+        for each in (path, file):
+            with pytest.raises(BagError, match="is empty|is no sqlite3 file|is damaged"):
+                Bag(each)
+
+
 def test_a_bag_in_another_storage_is_refused_with_a_remedy(tmp_path):
-    path = write_with_rosbags(tmp_path / "bag", recording(2), plugin=StoragePlugin.SQLITE3)
-    with pytest.raises(BagError, match="has the storage_identifier 'sqlite3'; accepted: mcap; convert it"):
+    path = write_with_rosbags(tmp_path / "bag", recording(2))
+    text = (path / "metadata.yaml").read_text()
+    (path / "metadata.yaml").write_text(text.replace("storage_identifier: mcap", "storage_identifier: other"))
+    with pytest.raises(BagError, match="has the storage_identifier 'other'; accepted: mcap, sqlite3; convert it"):
         Bag(path)
 
 

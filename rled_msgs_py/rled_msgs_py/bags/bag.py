@@ -4,8 +4,9 @@ from collections import Counter
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from functools import cached_property
+from operator import attrgetter
 from pathlib import Path
-from typing import cast
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -24,8 +25,26 @@ OUTSIDE = (DIAGNOSTICS.name, CLOCK_TOPIC.name)
 """Topics of the contract that lie in no namespace."""
 
 
+class Message(NamedTuple):
+    """A serialized message, as it lies in a bag.
+
+    Attributes:
+        name: its topic's name relative to the namespace, as in ``topics``.
+        topic: its topic as the bag describes it.
+        log_time: time of its arrival (ns).
+        publish_time: time of its sending (ns).
+        data: the message (CDR).
+    """
+
+    name: str
+    topic: BagTopic
+    log_time: int
+    publish_time: int
+    data: bytes
+
+
 class Bag:
-    """A recorded bag: a rosbag2 folder or a bare .mcap file.
+    """A recorded bag: a rosbag2 folder or a bare file, in the storage MCAP or sqlite3.
 
     Topics are found below the namespace of ``task_description``, so a bag of a namespaced robot reads like any other.
 
@@ -55,6 +74,11 @@ class Bag:
         """Messages of all topics."""
         return self.counts.total()
 
+    @property
+    def namespace(self) -> str:
+        """Namespace of the robot, between slashes."""
+        return self._namespace
+
     @cached_property
     def task(self) -> TaskDescription:
         """The task that was recorded.
@@ -82,6 +106,21 @@ class Bag:
         """
         for _, record in self._records([topic]):
             yield record
+
+    def messages(self) -> Iterator[Message]:
+        """All messages as they were received, in log order; they are held in memory meanwhile.
+
+        Raises:
+            BagError: the bag is damaged.
+        """
+        found = list[Message]()
+        for file in self._files:
+            for run in file.messages(file.topics):
+                numbers = (run.channel.tolist(), run.log_time.tolist(), run.publish_time.tolist())
+                for channel, log_time, publish_time, data in zip(*numbers, payloads(run), strict=True):
+                    topic = file.topics[channel]
+                    found.append(Message(self._relative(topic.name), topic, log_time, publish_time, data))
+        yield from sorted(found, key=attrgetter("log_time"))
 
     def ticks(self) -> Iterator[Tick]:
         """The states of the simulation, each as one; a stamp at which a topic is missing is left out.

@@ -50,6 +50,11 @@ def _message_types() -> MessageTypes:
     return MessageTypes(**classes, array=np.ascontiguousarray, octet=int)
 
 
+def is_known(type_name: str) -> bool:
+    """Whether ROS 2 Jazzy defines a message type."""
+    return type_name in _store().fielddefs
+
+
 @cache
 def definition(type_name: str) -> Definition:
     """Definition of a message type of Jazzy's common interfaces."""

@@ -6,9 +6,10 @@ from pathlib import Path
 from rled_msgs_py.bags.error import BagError, remedy
 from rled_msgs_py.bags.mcap_file import McapFile
 from rled_msgs_py.bags.metadata import FILE_NAME, read_metadata
+from rled_msgs_py.bags.sqlite_file import SqliteFile
 from rled_msgs_py.bags.storage import Storage
 
-STORAGES: Mapping[str, Callable[[Path], Storage]] = {".mcap": McapFile}
+STORAGES: Mapping[str, Callable[[Path], Storage]] = {".mcap": McapFile, ".db3": SqliteFile}
 """How to open a file, by its suffix."""
 
 

@@ -172,7 +172,8 @@ def _run(blocks: list[bytes], indexes: list[bytes], bases: list[tuple[int, int]]
     fits = (heads["opcode"] == Opcode.MESSAGE) & np.isin(heads["channel"], list(wanted)) & (size >= 0)
     if not fits.all() or (start + size > np.append(at[1:], len(data))).any():
         raise Damage("a message index points at something else")
-    return Messages(data, heads["channel"].astype(np.int64), heads["log_time"].astype(np.int64), start, size)
+    channel, log_time, publish_time = (heads[name].astype(np.int64) for name in ("channel", "log_time", "publish_time"))
+    return Messages(data, channel, log_time, publish_time, start, size)
 
 
 def _heads(data: bytes, at: NDArray[np.int64]) -> NDArray[np.void]:

@@ -108,7 +108,7 @@ def read_metadata(folder: Path) -> Contents:
     path = folder / FILE_NAME
     try:
         found = yaml.load(path.read_text(encoding="utf-8"), LOADER)[ROOT]
-        _require(folder, "storage_identifier", found["storage_identifier"], "mcap")
+        _require(folder, "storage_identifier", found["storage_identifier"], "mcap", "sqlite3")
         _require(folder, "compression_mode", found.get("compression_mode", ""), "", "none", "storage")
         # old versions wrote paths from the folder above
         files = [Path(name).name for name in found["relative_file_paths"]]

@@ -1,4 +1,4 @@
-"""What a bag's reader asks of a file format; MCAP is the one that is built."""
+"""What a bag's reader asks of a file format."""
 
 from collections.abc import Collection, Iterator, Mapping
 from typing import NamedTuple, Protocol
@@ -36,6 +36,7 @@ class Messages(NamedTuple):
         data: the buffer.
         channel: whose message it is, shape (k,).
         log_time: time of its arrival (ns), shape (k,).
+        publish_time: time of its sending (ns), shape (k,).
         start: where its payload begins in ``data``, shape (k,).
         size: bytes of its payload, shape (k,).
     """
@@ -43,6 +44,7 @@ class Messages(NamedTuple):
     data: bytes
     channel: NDArray[np.int64]
     log_time: NDArray[np.int64]
+    publish_time: NDArray[np.int64]
     start: NDArray[np.int64]
     size: NDArray[np.int64]
 

@@ -47,7 +47,7 @@ class BagWriter:
         self.path = Path(path)
         _make_room(self.path, overwrite)
         self.counts: Counter[str] = Counter()
-        self._channels: dict[Topic, int] = {}
+        self._channels: dict[Topic | BagTopic, int] = {}
         self._last_log_time = 0
         self._closed = False
         self._file = McapWriter(self.path / f"{self.path.name}_0.mcap", metadata)
@@ -83,6 +83,14 @@ class BagWriter:
         self._file.add_message(self._channels[topic], self._last_log_time, sent, data)
         self.counts[topic.name] += 1
 
+    def copy(self, topic: BagTopic, data: bytes, log_time: int, publish_time: int) -> None:
+        """Write a message of any topic as another bag describes it."""
+        if topic not in self._channels:
+            self._channels[topic] = self._file.add_topic(topic)
+        self._last_log_time = max(log_time, self._last_log_time)
+        self._file.add_message(self._channels[topic], self._last_log_time, publish_time, data)
+        self.counts[topic.name] += 1
+
     def flush(self) -> None:
         """Make what was written survive a kill; call it every ``FLUSH_PERIOD``."""
         self._file.flush()
@@ -116,14 +124,19 @@ def _make_room(path: Path, overwrite: bool) -> None:
     """
     try:
         if path.exists():
-            _require_replaceable(path, overwrite)
+            require_replaceable(path, overwrite)
             shutil.rmtree(path)
         path.mkdir(parents=True)
     except OSError as error:
         raise BagError(f"the folder {path} cannot be made: {error.strerror}") from None
 
 
-def _require_replaceable(path: Path, overwrite: bool) -> None:
+def require_replaceable(path: Path, overwrite: bool) -> None:
+    """See that a bag may take the place of what is there.
+
+    Raises:
+        BagError: it is a file or another folder, or a bag that may not be overwritten.
+    """
     if not path.is_dir():
         raise BagError(f"{path} is a file", "the name of a folder that is not there yet")
     foreign = [each.name for each in path.iterdir() if each.name != FILE_NAME and each.suffix != ".mcap"]

@@ -1,0 +1,167 @@
+"""A recording divided into episodes, by the recorder's events or else by the task's counters.
+
+An event is JSON on ``episode_events``: ``event`` is ``start``, ``stop``, ``keep`` or ``discard``, with the number of
+its ``episode`` and a ``stamp`` (ns); other fields (``operator``, ``outcome``) say more. A bag without events has an
+episode for each target that was gone for after the last mark.
+"""
+
+import json
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+
+from rled_msgs_py.bags.bag import Bag
+from rled_msgs_py.bags.error import BagError
+from rled_msgs_py.bags.series import series
+from rled_msgs_py.bags.timeline import Timeline
+from rled_msgs_py.records import Text
+from rled_msgs_py.topics import EPISODE_EVENTS, MARKED_JOINT_STATES
+
+EVENTS = ("start", "stop", "keep", "discard")
+FOREVER = 2**63 - 1
+CUTS = "cuts"
+"""Key of the metadata that lists where parts were taken out of a bag on purpose: pairs of moments (ns), JSON."""
+
+
+class Leg(NamedTuple):
+    """The way to one target.
+
+    Attributes:
+        first: its first row of the timeline.
+        last: the row that it led to; the target of that row may be the next one already.
+        reached: whether the target was reached.
+    """
+
+    first: int
+    last: int
+    reached: bool
+
+
+class Episode(NamedTuple):
+    """One demonstration.
+
+    Attributes:
+        number: as counted by the recorder, or from 0.
+        first: when it begins (ns).
+        last: when it ends (ns).
+        legs: the ways to its targets, in order.
+        kept: False when its operator discarded it.
+        operator: who drove; empty when not known.
+        outcome: in the operator's words; empty when not known.
+    """
+
+    number: int
+    first: int
+    last: int
+    legs: tuple[Leg, ...]
+    kept: bool = True
+    operator: str = ""
+    outcome: str = ""
+
+
+def episodes(bag: Bag, line: Timeline) -> list[Episode]:
+    """The episodes of a recording, discarded ones too.
+
+    Raises:
+        BagError: the file is damaged, or an event cannot be read.
+    """
+    ways, spans = legs(line, cuts(bag)), _spans(events(bag))
+    if not spans:
+        marks = series(bag, MARKED_JOINT_STATES).stamps
+        begin = int(np.searchsorted(line.moments, marks[-1], side="right")) if len(marks) else 0
+        after = [leg._replace(first=max(leg.first, begin)) for leg in ways if leg.last > begin]
+        return [_of_leg(number, leg, line) for number, leg in enumerate(after)]
+    end = int(line.moments[-1]) if len(line.moments) else 0
+    return [span._replace(last=min(span.last, end), legs=tuple(_within(span, ways, line))) for span in spans]
+
+
+def legs(line: Timeline, taken_out: list[tuple[int, int]]) -> list[Leg]:
+    """The ways to targets; one ends where the counters do not go on or a part was taken out."""
+    if not len(line.moments):
+        return []
+    same_episode, on = np.diff(line.episode) == 0, np.diff(line.step) == 1
+    cut = np.isin(line.moments[1:], [after for _, after in taken_out])
+    goes_on = same_episode & on & ~cut
+    starts = np.flatnonzero(np.append(True, ~goes_on | (np.diff(line.reached) != 0)))
+    stops = np.append(starts[1:], len(line.moments))
+    found = []
+    for first, stop in zip(starts.tolist(), stops.tolist(), strict=True):
+        led_on = stop < len(line.moments) and bool(goes_on[stop - 1])
+        if line.answered[first:stop].any():
+            reached = led_on and bool(line.reached[stop] > line.reached[stop - 1])
+            found.append(Leg(first, stop if led_on else stop - 1, reached))
+    return found
+
+
+def events(bag: Bag) -> list[dict[str, Any]]:
+    """The recorder's events, in order.
+
+    Raises:
+        BagError: one cannot be read.
+    """
+    return [_event(bag, cast(Text, record).data) for record in bag.records(EPISODE_EVENTS)]
+
+
+def cuts(bag: Bag) -> list[tuple[int, int]]:
+    """Where parts were taken out on purpose: the last moment before and the first after (ns).
+
+    Raises:
+        BagError: the metadata cannot be read.
+    """
+    try:
+        return [(int(before), int(after)) for before, after in json.loads(bag.metadata.get(CUTS, "[]"))]
+    except (ValueError, TypeError):
+        raise BagError(f"{bag.path} has the {CUTS} '{bag.metadata[CUTS]}'", "a list of pairs of moments (ns)") from None
+
+
+def discarded(bag: Bag) -> list[tuple[int, int]]:
+    """First and last moment (ns) of the episodes that their operator discarded.
+
+    Raises:
+        BagError: an event cannot be read.
+    """
+    return [(span.first, span.last) for span in _spans(events(bag)) if not span.kept]
+
+
+def _event(bag: Bag, text: str) -> dict[str, Any]:
+    try:
+        event: dict[str, Any] = json.loads(text)
+        if event["event"] in EVENTS and isinstance(event["episode"], int) and isinstance(event["stamp"], int):
+            return event
+    except (ValueError, KeyError, TypeError, RecursionError):
+        pass
+    accepted = f"JSON with event ({', '.join(EVENTS)}), episode and stamp"
+    raise BagError(f"{bag.path} has the message '{text[:80]}' on {EPISODE_EVENTS.name}", accepted) from None
+
+
+def _spans(found: list[dict[str, Any]]) -> list[Episode]:
+    """Episodes by their events; one that has not stopped reaches to the end."""
+    spans = dict[int, Episode]()
+    for event in found:
+        number, stamp = event["episode"], event["stamp"]
+        span = spans.get(number, Episode(number, stamp, FOREVER, ()))
+        if event["event"] == "start":
+            span = span._replace(first=stamp)
+        elif event["event"] == "stop":
+            span = span._replace(last=stamp)
+        else:
+            span = span._replace(kept=event["event"] == "keep")
+        operator, outcome = (str(event.get(key) or getattr(span, key)) for key in ("operator", "outcome"))
+        spans[number] = span._replace(operator=operator, outcome=outcome)
+    return sorted(spans.values(), key=lambda span: span.first)
+
+
+def _of_leg(number: int, leg: Leg, line: Timeline) -> Episode:
+    outcome = "reached" if leg.reached else ""
+    return Episode(number, int(line.moments[leg.first]), int(line.moments[leg.last]), (leg,), outcome=outcome)
+
+
+def _within(span: Episode, ways: list[Leg], line: Timeline) -> list[Leg]:
+    """The parts of legs that lie in a span."""
+    first, stop = np.searchsorted(line.moments, [span.first, min(span.last, FOREVER - 1) + 1]).tolist()
+    clipped = []
+    for leg in ways:
+        begin, end = max(leg.first, first), min(leg.last, stop - 1)
+        if begin < end and line.answered[begin:end].any():
+            clipped.append(Leg(begin, end, leg.reached and end == leg.last))
+    return clipped

@@ -1,0 +1,30 @@
+"""The time at the head of a serialized message."""
+
+import struct
+
+from rled_msgs_py.messages import NANOSECONDS
+from rled_msgs_py.topics import CLOCK, DIAGNOSTIC_ARRAY, JOINT_STATE, POSE_STAMPED
+
+STAMPED = (JOINT_STATE, POSE_STAMPED, DIAGNOSTIC_ARRAY, CLOCK)
+"""Types that begin with a builtin_interfaces/Time."""
+END = 12
+
+
+def stamp_of(type_name: str, data: bytes) -> int | None:
+    """Stamp (ns) of a serialized message; None when its type has none or it is too short."""
+    if type_name not in STAMPED or len(data) < END:
+        return None
+    seconds, nanoseconds = struct.unpack_from(_time(data), data, 4)
+    return int(seconds) * NANOSECONDS + int(nanoseconds)
+
+
+def moved(type_name: str, data: bytes, shift: int) -> bytes:
+    """The same message with a stamp later by ``shift`` (ns), at least 0; as it is when it has no stamp."""
+    stamp = stamp_of(type_name, data)
+    if stamp is None:
+        return data
+    return data[:4] + struct.pack(_time(data), *divmod(stamp + shift, NANOSECONDS)) + data[END:]
+
+
+def _time(data: bytes) -> str:
+    return "<iI" if data[1] & 1 else ">iI"
