@@ -10,7 +10,7 @@ from pathlib import Path
 from threading import Event
 
 from rclpy.experimental import EventsExecutor
-from rled_msgs_py.bags import BagWriter
+from rled_msgs_py.bags import BagError, BagWriter
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.node import run_node
 from rled_msgs_py.processes import Child, Children, program
@@ -18,8 +18,10 @@ from rled_msgs_py.topics import JOINT_DELTA, MARKED_JOINT_STATES
 from rled_sim.robots import robot_named
 
 from rled_teleop import __version__
-from rled_teleop.recorder import Recorder, RecordParams
+from rled_teleop.record_params import RecordParams
+from rled_teleop.recorder import Recorder
 from rled_teleop.summary import summarise
+from rled_teleop.unfinished import repair_unfinished
 
 SPIN = 0.05
 """Longest wait for a message before signals and children are looked at again (s)."""
@@ -35,6 +37,8 @@ def record(node: Recorder, stop: Event) -> None:
     """
     params = node.params
     folder = _checked(params)
+    for said in repair_unfinished(folder.parent):
+        print(said, file=sys.stderr)
     with opened(BagWriter(folder, metadata=_metadata(params), overwrite=params.overwrite)) as bag:
         with Children() as children:
             node.begin(bag)
@@ -51,12 +55,16 @@ def record(node: Recorder, stop: Event) -> None:
 def opened(bag: BagWriter) -> Iterator[BagWriter]:
     """Complete a bag at the end of a block, or remove it when it holds no demonstration.
 
+    A bag that could not be written any more stays as it is: what was written is kept.
+
     Raises:
         RledError: nothing was recorded.
     """
     try:
         with bag:
             yield bag
+    except BagError:
+        raise
     except RledError:
         if not (bag.counts[JOINT_DELTA.name] or bag.counts[MARKED_JOINT_STATES.name]):
             shutil.rmtree(bag.path)
@@ -77,6 +85,8 @@ def _checked(params: RecordParams) -> Path:
 def _metadata(params: RecordParams) -> dict[str, str]:
     """What the topics do not say about the recording."""
     given = {"operator": params.operator, "rled_teleop": __version__}
+    if params.operator_name:
+        given["operator_name"] = params.operator_name
     if params.operator != "none":
         given |= {"seed": str(params.seed), "operator_options": params.operator_options}
         given |= {"sim_options": params.sim_options}

@@ -1,69 +1,61 @@
 """Node: writes what travels on the topics, received over DDS and unchanged, into a bag."""
 
 from collections import defaultdict, deque
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
 from rclpy.node import Node
-from rled_msgs_py.bags import FLUSH_PERIOD, BagWriter
-from rled_msgs_py.convert import MESSAGE_CLASSES, qos_profile
-from rled_msgs_py.errors import RledError
+from rled_msgs_py.bags import FLUSH_PERIOD, BagError, BagWriter
+from rled_msgs_py.bags.codec import decode, encode
+from rled_msgs_py.convert import MESSAGE_CLASSES, qos_profile, to_msg
+from rled_msgs_py.errors import ContractError
 from rled_msgs_py.node import advertise, declare
-from rled_msgs_py.params import param
+from rled_msgs_py.records import Health, Level, Text
+from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import STATE_TOPICS
 from rled_msgs_py.topics import (
-    CLOCK_TOPIC,
     DIAGNOSTICS,
     EE_POSE,
+    EPISODE_EVENTS,
     JOINT_DELTA,
     JOINT_STATES,
     MARKED_EE_POSE,
     MARKED_JOINT_STATES,
-    MARKERS,
     RECORDED,
     ROBOT_DESCRIPTION,
     TASK_DESCRIPTION,
+    TASK_STATUS,
     Topic,
 )
 from std_srvs.srv import SetBool, Trigger
 
+from rled_teleop import __version__
+from rled_teleop.episodes import About, Episodes, Refusal, targets_reached
 from rled_teleop.ordering import Ordering, Received, stamp_of
+from rled_teleop.record_params import RecordParams, extra_topics
 
 WRITE_PERIOD = FLUSH_PERIOD / 2.0
 """Seconds between writes; for the sake of their order, messages are held for two of them."""
+REPORT_PERIOD = 1.0
+"""Seconds between reports on ``/diagnostics``."""
 HISTORY = 1000
 """Messages of a topic that wait for the recorder when it is held up."""
 RECENT = 8
 """Messages of a topic kept for marking a pose: state topics may be some ticks apart."""
 DESCRIPTIONS = (ROBOT_DESCRIPTION, TASK_DESCRIPTION)
-EXTRA = {topic.name: topic for topic in (MARKERS, DIAGNOSTICS, CLOCK_TOPIC)}
-
-
-@dataclass(frozen=True)
-class RecordParams:
-    """Parameters of the recorder and of what it starts."""
-
-    output: str = param("", "folder of the bag", read_only=True)
-    overwrite: bool = param(False, "replace the bag if there is one", read_only=True)
-    topics: str = param("", f"more topics, separated by commas: {', '.join(EXTRA)}", read_only=True)
-    operator: str = param(
-        "none",
-        "start a simulation and this operator, record till it ends",
-        choices=("none", "scripted"),
-        read_only=True,
-    )
-    robot: str = param("panda", "robot to simulate", read_only=True)
-    points: int = param(0, "points of the target curve to mark (ζᵃ); 0: all", low=0, high=100_000, read_only=True)
-    trajectories: int = param(50, "targets to reach after that (ζᵇ)", low=0, high=1_000_000, read_only=True)
-    seed: int = param(0, "seed of simulation and operator", low=0, high=2**31 - 1, read_only=True)
-    operator_options: str = param("", 'more options of the operator, as typed: "--tremor 0.1"', read_only=True)
-    sim_options: str = param("", 'more options of the simulation, as typed: "--gui"', read_only=True)
+LAST_WORDS = Duration(seconds=1)
+"""How long the last report is given to reach its subscribers."""
 
 
 class Recorder(Node):
-    """Records topics into a bag; services ``~/record`` (pause, resume) and ``~/mark_pose``."""
+    """Records topics into a bag, in episodes.
+
+    Services: ``~/record`` (begin an episode, end it), ``~/keep`` and ``~/discard`` (the newest one), ``~/mark_pose``.
+    """
 
     def __init__(self, **options: Any) -> None:
         super().__init__("record_demos", **options)
@@ -71,9 +63,14 @@ class Recorder(Node):
         self._topics = (*extra_topics(self.params.topics), *RECORDED)
         self._ordering = Ordering()
         self._recent: defaultdict[Topic, deque[bytes]] = defaultdict(lambda: deque(maxlen=RECENT))
-        self._recording, self._described = True, False
+        self._episodes = Episodes(About(self.params.operator_name or self.params.operator, __version__))
+        self._described, self._is_awaited = False, not self.params.paused
+        self._written = 0
         self._marks = (advertise(self, MARKED_JOINT_STATES), advertise(self, MARKED_EE_POSE))
+        self._events, self._reports = advertise(self, EPISODE_EVENTS), advertise(self, DIAGNOSTICS)
         self.create_service(SetBool, "~/record", self._on_record)
+        self.create_service(Trigger, "~/keep", partial(self._on_verdict, "keep"))
+        self.create_service(Trigger, "~/discard", partial(self._on_verdict, "discard"))
         self.create_service(Trigger, "~/mark_pose", self._on_mark_pose)
 
     def begin(self, bag: BagWriter) -> None:
@@ -83,12 +80,16 @@ class Recorder(Node):
         sees it listen to ``joint_delta`` can begin.
         """
         self._bag = bag
-        self.create_timer(WRITE_PERIOD, self._flush, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(WRITE_PERIOD, self._flush, clock=steady)
+        self.create_timer(REPORT_PERIOD, self._report, clock=steady)
         for topic in DESCRIPTIONS:
             self._listen(topic)
 
     def finish(self) -> None:
-        """Write what is still held."""
+        """End the episode and write what is still held."""
+        if self._episodes.running:
+            self._tell(self._episodes.stop(self._now()))
         self._write(self._ordering.rest())
 
     def is_complete(self) -> bool:
@@ -107,8 +108,14 @@ class Recorder(Node):
 
     def _received(self, topic: Topic, rank: int, data: bytes) -> None:
         self._recent[topic].append(data)
-        if self._recording or topic in DESCRIPTIONS:
+        if topic == TASK_STATUS:
+            self._episodes.observe(targets_reached(data))
+        if self._episodes.running or topic in DESCRIPTIONS:
             self._ordering.add(topic, rank, data)
+        elif self._is_awaited:
+            self._is_awaited = False
+            self._ordering.add(topic, rank, data)
+            self._tell(self._episodes.start(stamp_of(topic, data) or 0))
         if topic in DESCRIPTIONS:
             self._listen_to_the_rest()
 
@@ -116,9 +123,18 @@ class Recorder(Node):
         if self._described or not all(self._recent[topic] for topic in DESCRIPTIONS):
             return
         self._described = True
+        self._describe()
         for topic in self._topics:
-            if topic not in DESCRIPTIONS:
+            if topic not in (*DESCRIPTIONS, EPISODE_EVENTS):
                 self._listen(topic)
+
+    def _describe(self) -> None:
+        try:
+            text = decode(TASK_DESCRIPTION, self._recent[TASK_DESCRIPTION][-1])
+            assert isinstance(text, Text)
+            self._episodes.describe(TaskDescription.from_json(text.data))
+        except ContractError as error:
+            self.get_logger().error(f"{TASK_DESCRIPTION.name}: {error}")
 
     def _flush(self) -> None:
         self._write(self._ordering.due())
@@ -126,20 +142,66 @@ class Recorder(Node):
             self.get_logger().info("waiting for a simulation", throttle_duration_sec=5.0, skip_first=True)
 
     def _write(self, messages: list[Received]) -> None:
-        for message in messages:
-            self._bag.write_cdr(message.topic, message.data, message.stamp)
-        if messages:
-            self._bag.flush()
+        try:
+            for message in messages:
+                self._bag.write_cdr(message.topic, message.data, message.stamp)
+            if messages:
+                self._bag.flush()
+        except BagError as error:
+            self._say_last(error)
+            raise
+        self._written += len(messages)
+
+    def _report(self) -> None:
+        doing = f"recording episode {self._episodes.number}" if self._episodes.running else "paused"
+        self._health(Level.OK, doing if self._described else "waiting for a simulation")
+
+    def _say_last(self, error: BagError) -> None:
+        """Say loudly that the recording has ended."""
+        self._health(Level.ERROR, f"RECORDING STOPPED: {error}")
+        self.get_logger().fatal(f"RECORDING STOPPED: {error}")
+        self._reports.wait_for_all_acked(LAST_WORDS)
+
+    def _health(self, level: Level, message: str) -> None:
+        values = {"episode": str(self._episodes.number), "messages": str(self._written)}
+        now = self.get_clock().now().nanoseconds
+        self._reports.publish(to_msg(Health(now, level, "record_demos: bag", message, values)))
+
+    def _now(self) -> int:
+        return max(self._newest_stamp(topic) for topic in (*STATE_TOPICS, JOINT_DELTA))
+
+    def _tell(self, event: str) -> None:
+        """Record an event beside the messages of its time, and tell everybody."""
+        self._ordering.add(EPISODE_EVENTS, self._topics.index(EPISODE_EVENTS), encode(EPISODE_EVENTS, Text(event)))
+        self._events.publish(to_msg(Text(event)))
 
     def _on_record(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        self._recording = request.data
-        response.success, response.message = True, "recording" if request.data else "paused"
+        def begin_or_end() -> list[str]:
+            self._is_awaited = False
+            return [self._episodes.start(self._now()) if request.data else self._episodes.stop(self._now())]
+
+        return self._answer(response, begin_or_end, "recording episode {}" if request.data else "episode {} ended")
+
+    def _on_verdict(self, verdict: str, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        said = {"keep": "episode {} kept", "discard": "episode {} discarded"}[verdict]
+        return self._answer(response, lambda: self._episodes.judge(verdict, self._now()), said)
+
+    def _answer(self, response: Any, ask: Callable[[], list[str]], said: str) -> Any:
+        try:
+            if self._now() < 0:
+                raise Refusal("no state received yet")
+            for event in ask():
+                self._tell(event)
+        except Refusal as error:
+            response.success, response.message = False, str(error)
+            return response
+        response.success, response.message = True, said.format(self._episodes.number)
         self.get_logger().info(response.message)
         return response
 
     def _on_mark_pose(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         pose = self._newest_pose()
-        response.success = pose is not None and self._recording
+        response.success = pose is not None and self._episodes.running
         response.message = "marked" if response.success else "paused" if pose else "no state received yet"
         if pose is not None and response.success:
             for publisher, data in zip(self._marks, pose, strict=True):
@@ -153,16 +215,3 @@ class Recorder(Node):
         )
         common = [stamp for stamp in joints.keys() & poses.keys() if stamp is not None]
         return (joints[max(common)], poses[max(common)]) if common else None
-
-
-def extra_topics(names: str) -> tuple[Topic, ...]:
-    """The topics of a list of names separated by commas.
-
-    Raises:
-        RledError: one is unknown.
-    """
-    given = [name.strip() for name in names.split(",") if name.strip()]
-    for name in given:
-        if name not in EXTRA:
-            raise RledError(f"unknown topic '{name}'", ", ".join(EXTRA))
-    return tuple(EXTRA[name] for name in given)

@@ -11,7 +11,7 @@ import yaml
 from rled_agent.agent_node import AgentParams
 from rled_msgs_py.params import build, parameters_of
 from rled_sim.sim_node import SimParams
-from rled_teleop.recorder import RecordParams
+from rled_teleop.record_params import RecordParams
 from rled_teleop.teleop_scripted import ScriptedParams
 
 BRINGUP = Path(__file__).parents[2] / "ros_ws" / "src" / "rled_bringup"

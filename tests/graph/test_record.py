@@ -1,5 +1,8 @@
 """Recording: record_demos, sim_node and teleop_scripted as processes of their own, and the bags that come of it."""
 
+import json
+import re
+import resource
 import signal
 import subprocess
 import time
@@ -14,11 +17,13 @@ import rclpy
 from mcap.reader import make_reader
 from rclpy.executors import SingleThreadedExecutor
 from rled_msgs_py.bags import Bag, repair
-from rled_msgs_py.node import fresh_context, spin_until
+from rled_msgs_py.node import fresh_context, spin_until, subscribe
 from rled_msgs_py.processes import program
+from rled_msgs_py.records import Level
 from rled_msgs_py.topics import (
     DIAGNOSTICS,
     EE_POSE,
+    EPISODE_EVENTS,
     JOINT_DELTA,
     JOINT_STATES,
     MARKED_EE_POSE,
@@ -27,6 +32,7 @@ from rled_msgs_py.topics import (
     SAFETY_GATE,
     TARGET_POSE,
     TASK_STATUS,
+    Topic,
 )
 from rled_sim.robots import robot_named
 from rled_sim.tasks import reach_task
@@ -274,6 +280,15 @@ class Person:
         spin_until(self._executor, future.done, PATIENCE, f"an answer of {name}")
         return future.result()
 
+    def listen(self, topic: Topic) -> list[Any]:
+        """The records that arrive on a topic, from now on."""
+        records: list[Any] = []
+        subscribe(self._node, topic, records.append)
+        return records
+
+    def await_that(self, condition: Callable[[], bool], what: str) -> None:
+        spin_until(self._executor, condition, PATIENCE, what)
+
     def close(self) -> None:
         self._node.destroy_node()
         self._context.try_shutdown()
@@ -287,20 +302,120 @@ def recording_of_a_running_simulation(bag: Path, domain: int, *arguments: str) -
         yield recording, person
 
 
-def test_a_person_marks_poses_and_pauses_a_recording_in_real_time(tmp_path: Path, ros_domain: int) -> None:
+def test_a_person_marks_poses_and_records_episodes_in_real_time(tmp_path: Path, ros_domain: int) -> None:
     path = tmp_path / "bag"
-    with recording_of_a_running_simulation(path, ros_domain, "--topics", "/diagnostics") as (recording, person):
+    options = ("--topics", "/diagnostics", "--operator-name", "ada")
+    with recording_of_a_running_simulation(path, ros_domain, *options) as (recording, person):
         marked = [person.call(Trigger, "record_demos/mark_pose", Trigger.Request()) for _ in range(3)]
-        paused = person.call(SetBool, "record_demos/record", SetBool.Request(data=False))
-        refusal = person.call(Trigger, "record_demos/mark_pose", Trigger.Request())
+        ended = person.call(SetBool, "record_demos/record", SetBool.Request(data=False))
+        refusals = [
+            person.call(Trigger, "record_demos/mark_pose", Trigger.Request()),
+            person.call(SetBool, "record_demos/record", SetBool.Request(data=False)),
+        ]
+        person.call(Trigger, "record_demos/discard", Trigger.Request())
+        person.call(SetBool, "record_demos/record", SetBool.Request(data=True))
+        kept = person.call(Trigger, "record_demos/keep", Trigger.Request())
         person.call(SetBool, "record_demos/record", SetBool.Request(data=True))
         code, out, err = recording.end(signal.SIGINT)
     assert code == 0, err
     assert [each.success for each in marked] == [True, True, True]
-    assert paused.message == "paused"
-    assert (refusal.success, refusal.message) == (False, "paused")
+    assert ended.message == "episode 0 ended"
+    assert [(each.success, each.message) for each in refusals] == [
+        (False, "paused"),
+        (False, "no episode is being recorded"),
+    ]
+    assert kept.message == "episode 1 kept"
     bag = Bag(path)
     assert "3 points" in out
     np.testing.assert_array_equal(bag.joints(MARKED_JOINT_STATES).stamps, bag.poses(MARKED_EE_POSE).stamps)
     assert bag.counts[DIAGNOSTICS.name] > 0
     assert bag.counts[JOINT_DELTA.name] == 0
+    events = events_of(bag)
+    assert [(each["event"], each["episode"]) for each in events] == [
+        ("start", 0),
+        ("stop", 0),
+        ("discard", 0),
+        ("start", 1),
+        ("stop", 1),
+        ("keep", 1),
+        ("start", 2),
+        ("stop", 2),
+    ]
+    assert {(each["operator"], each["robot"], each["max_delta"]) for each in events} == {("ada", "planar", 0.1)}
+    stamps = [each["stamp"] for each in events]
+    assert stamps == sorted(stamps)
+    assert_states_lie_within_episodes(bag, events)
+
+
+def events_of(bag: Bag) -> list[dict[str, Any]]:
+    records: Any = bag.records(EPISODE_EVENTS)
+    return [json.loads(record.data) for record in records]
+
+
+def assert_states_lie_within_episodes(bag: Bag, events: list[dict[str, Any]]) -> None:
+    starts = [each["stamp"] for each in events if each["event"] == "start"]
+    stops = [each["stamp"] for each in events if each["event"] == "stop"]
+    for stamp in bag.joints(JOINT_STATES).stamps:
+        assert any(start <= stamp <= stop for start, stop in zip(starts, stops, strict=True))
+
+
+def test_a_scripted_recording_is_one_episode_that_reached_its_targets(bag: Bag) -> None:
+    start, stop = events_of(bag)
+    states = bag.joints(JOINT_STATES).stamps
+    assert (start["event"], start["stamp"], start["operator"]) == ("start", 0, "scripted")
+    assert (stop["event"], stop["stamp"], stop["outcome"]) == ("stop", states[-1], "reached")
+
+
+def test_a_paused_recorder_waits_for_the_first_episode(tmp_path: Path, ros_domain: int) -> None:
+    simulation = Process("rled_sim", "sim_node", "--robot", "planar", "--mode", "real_time", "--discovery-wait", "0.2")
+    path = tmp_path / "bag"
+    with closing(simulation), closing(recorder(path, "--paused")) as recording, closing(Person(ros_domain)) as person:
+        await_that(
+            lambda: person.call(SetBool, "record_demos/record", SetBool.Request(data=True)).success, "an episode"
+        )
+        await_that(grows_beyond(path, 20_000), "messages")
+        code, _, err = recording.end(signal.SIGINT)
+    assert code == 0, err
+    assert [each["event"] for each in events_of(Bag(path))] == ["start", "stop"]
+
+
+def test_the_next_recording_repairs_what_a_killed_one_left(tmp_path: Path) -> None:
+    with closing(recorder(tmp_path / "killed", *SCRIPTED, "--trajectories", "100000")) as recording:
+        await_that(grows_beyond(tmp_path / "killed", 60_000), "messages")
+        recording.process.kill()
+        recording.end()
+    code, _, err = record(tmp_path / "next", *SMALL)
+    assert code == 0, err
+    assert re.search(r"killed was left unfinished and is repaired: it holds \d+ messages", err)
+    stamps = Bag(tmp_path / "killed").joints(JOINT_STATES).stamps
+    np.testing.assert_array_equal(stamps, np.arange(len(stamps)) * Bag(tmp_path / "killed").task.period)
+
+
+def test_a_recording_beside_another_leaves_it_alone(tmp_path: Path) -> None:
+    with closing(recorder(tmp_path / "one", *SCRIPTED, "--trajectories", "100000")) as recording:
+        await_that(grows_beyond(tmp_path / "one", 60_000), "messages")
+        line = refused(tmp_path / "one", *SMALL)
+        assert "exists" in line
+        code, _, _ = recording.end(signal.SIGINT)
+    assert code == 130
+    Bag(tmp_path / "one")
+
+
+def test_a_full_disk_ends_the_recording_loudly_and_keeps_what_was_written(tmp_path: Path, ros_domain: int) -> None:
+    path, limit = tmp_path / "bag", 100_000
+    with closing(Person(ros_domain)) as person:
+        reports = person.listen(DIAGNOSTICS)
+        with closing(recorder(path, *SCRIPTED, "--trajectories", "100000")) as recording:
+            await_that(path.exists, "the folder")
+            resource.prlimit(recording.process.pid, resource.RLIMIT_FSIZE, (limit, limit))
+            person.await_that(lambda: any(each.level is Level.ERROR for each in reports), "a report")
+            code, _, err = recording.end()
+    assert code == 2
+    assert "RECORDING STOPPED" in err
+    assert re.search(r"error: writing .*bag_0.mcap failed: File too large; kept: the first \d+ messages", err)
+    (report,) = (each for each in reports if each.level is Level.ERROR)
+    assert report.message.startswith("RECORDING STOPPED")
+    kept = int(re.findall(r"kept: the first (\d+) messages", err)[-1])
+    assert repair(path).messages == kept > 500
+    stamps = Bag(path).joints(JOINT_STATES).stamps
+    np.testing.assert_array_equal(stamps, np.arange(len(stamps)) * Bag(path).task.period)
