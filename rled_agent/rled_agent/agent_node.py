@@ -64,6 +64,7 @@ class AgentNode(Node):
         self._enabled = self._params.enabled
         self._apprentice: Apprentice | None = None
         self._before: tuple[Tick, NDArray[np.float64], Answer] | None = None
+        self._unanswered: Tick | None = None
         self._answers, self._slowest = 0, 0.0
         self._delta, self._gate = advertise(self, JOINT_DELTA), advertise(self, SAFETY_GATE)
         self._diagnostics = advertise(self, DIAGNOSTICS)
@@ -89,6 +90,7 @@ class AgentNode(Node):
         self._learn_from(tick, observation)
         over = tick.status.terminated or tick.status.truncated
         self._before = None
+        self._unanswered = None if over or self._enabled else tick
         if over or not self._enabled:
             return
         answer = self._controller.answer(tick, observation)
@@ -113,6 +115,8 @@ class AgentNode(Node):
 
     def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._enabled = request.data
+        if self._enabled and self._unanswered is not None:
+            self._on_tick(self._unanswered)  # in lockstep the simulation still waits for this answer
         return _say(response, True, "answers states" if request.data else "silent: the robot holds")
 
     def _on_learn(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
