@@ -4,6 +4,7 @@ import errno
 import os
 import random
 import socket
+import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
 from itertools import pairwise
@@ -125,3 +126,9 @@ def planar_expert(planar_bag: Path, tmp_path_factory: pytest.TempPathFactory) ->
     path = tmp_path_factory.mktemp("expert") / "expert.safetensors"
     policy.save(path)
     return path
+
+
+def pytest_runtest_teardown() -> None:
+    """Undo what a command run in this process sets for all of it; Hypothesis refuses to draw floats otherwise."""
+    if torch := sys.modules.get("torch"):
+        torch.set_flush_denormal(False)
