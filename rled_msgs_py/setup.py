@@ -17,7 +17,7 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
     ],
-    install_requires=["lz4", "mcap", "numpy", "pyyaml", "rosbags", "zstandard"],
+    install_requires=["lz4", "matplotlib", "mcap", "numpy", "pyyaml", "rosbags", "zstandard"],
     zip_safe=False,
     entry_points={"console_scripts": ["repair_bag = rled_msgs_py.repair_bag:main"]},
 )

@@ -1,32 +1,19 @@
 """Pictures of learning and of motion, as PNG files that appear whole."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PatchCollection
-from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
-from rled_msgs_py.files import whole_file
+from rled_msgs_py.pictures import picture
 
 from rled_agent.expert import CurvePoint
 
 Floats = NDArray[np.float64]
 PLANES = {(0, 1): ("x", "y"), (1, 2): ("y", "z"), (0, 2): ("x", "z")}
-
-
-@contextmanager
-def picture(path: Path, width: float = 7.0, height: float = 4.5) -> Iterator[Axes]:
-    """Axes whose picture is written to ``path`` when the block ends."""
-    figure = Figure(figsize=(width, height), layout="constrained")
-    axes = figure.add_subplot()
-    axes.grid(alpha=0.3)
-    yield axes
-    with whole_file(path) as temporary:
-        figure.savefig(temporary, dpi=120)
 
 
 def draw_learning_curve(path: Path, curve: Sequence[CurvePoint]) -> None:

@@ -1,0 +1,21 @@
+"""Pictures as PNG files that appear whole."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from rled_msgs_py.files import whole_file
+
+
+@contextmanager
+def picture(path: Path, width: float = 7.0, height: float = 4.5) -> Iterator[Axes]:
+    """Axes whose picture is written to ``path`` when the block ends."""
+    figure = Figure(figsize=(width, height), layout="constrained")
+    axes = figure.add_subplot()
+    axes.grid(alpha=0.3)
+    yield axes
+    with whole_file(path) as temporary:
+        figure.savefig(temporary, dpi=120)
