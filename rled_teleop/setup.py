@@ -17,7 +17,7 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
     ],
-    install_requires=["numpy", "rled_msgs_py", "rled_sim", "tqdm"],
+    install_requires=["numpy", "rled_msgs_py", "rled_sim", "tqdm", "tyro"],
     zip_safe=False,
     entry_points={
         "console_scripts": [

@@ -19,7 +19,7 @@ from rled_msgs_py.bags.codec import decode
 from rled_msgs_py.bags.episodes import CUTS, Episode, cuts, episodes, events, legs
 from rled_msgs_py.bags.error import BagError
 from rled_msgs_py.bags.header import moved, stamp_of
-from rled_msgs_py.bags.series import fallen_back, going_on
+from rled_msgs_py.bags.series import fallen_back, going_on, series
 from rled_msgs_py.bags.timeline import Timeline, timeline
 from rled_msgs_py.bags.writer import BagWriter, require_replaceable
 from rled_msgs_py.messages import NANOSECONDS
@@ -68,8 +68,8 @@ def trim(bag: Bag, output: Path, begin: float, end: float, report: Report, *, ov
     Raises:
         BagError: nothing is left, the bag is damaged, or the copy cannot be written.
     """
-    found = list(dated(bag))
-    zero = next((each.moment for each in found if each.message.name == JOINT_STATES.name), found[0].moment)
+    states = series(bag, JOINT_STATES).moments
+    zero = int(states[0]) if len(states) else next(dated(bag)).moment
     first, stop = zero + round(begin * NANOSECONDS), zero + round(min(end, 1e9) * NANOSECONDS)
     line = timeline(bag) if bag.counts[EPISODE_EVENTS.name] else None
     of = {each.number for each in episodes(bag, line) if each.first < stop and each.last >= first} if line else set()
@@ -79,7 +79,7 @@ def trim(bag: Bag, output: Path, begin: float, end: float, report: Report, *, ov
             return _event(each.message)["episode"] in of
         return each.message.name in DESCRIPTIONS or first <= each.moment < stop
 
-    return _copy(bag, output, filter(stays, found), cuts(bag), report, overwrite)
+    return _copy(bag, output, stays, cuts(bag), report, overwrite)
 
 
 def drop(bag: Bag, output: Path, numbers: Collection[int], report: Report, *, overwrite: bool = False) -> int:
@@ -109,7 +109,7 @@ def drop(bag: Bag, output: Path, numbers: Collection[int], report: Report, *, ov
         return not any(within)
 
     gone = [_gap(line, span, has_events) for span in spans]
-    return _copy(bag, output, filter(stays, dated(bag)), sorted(cuts(bag) + gone), report, overwrite)
+    return _copy(bag, output, stays, sorted(cuts(bag) + gone), report, overwrite)
 
 
 def merge(bags: Sequence[Bag], output: Path, report: Report, *, overwrite: bool = False) -> int:
@@ -208,14 +208,18 @@ def _require_fit(first: Bag, other: Bag) -> None:
         raise BagError(f"the stamps of {other.path} fall back", "stamps that only grow", remedy)
 
 
-def _copy(bag: Bag, output: Path, found: Iterator[Dated], taken_out: Cuts, report: Report, overwrite: bool) -> int:
+def _copy(
+    bag: Bag, output: Path, stays: Callable[[Dated], bool], taken_out: Cuts, report: Report, overwrite: bool
+) -> int:
     metadata = {**bag.metadata, **({CUTS: json.dumps(taken_out)} if taken_out else {})}
+    copied = 0
     with _whole(output, metadata, overwrite) as writer:
-        copied = 0
-        for _, message in found:
-            writer.copy(message.topic, message.data, message.log_time, message.publish_time)
-            copied += message.name not in DESCRIPTIONS
+        for each in dated(bag):
             report(1)
+            if stays(each):
+                message = each.message
+                writer.copy(message.topic, message.data, message.log_time, message.publish_time)
+                copied += message.name not in DESCRIPTIONS
         if not copied:
             raise BagError(f"nothing of {bag.path} is left", "a stretch with messages", "see demos info")
         return int(writer.counts.total())
