@@ -23,6 +23,7 @@ setup(
         "console_scripts": [
             "teleop_scripted = rled_teleop.teleop_scripted:main",
             "teleop_keyboard = rled_teleop.teleop_keyboard:main",
+            "demos = rled_teleop.demos:main",
             "record_demos = rled_teleop.record_demos:main",
         ]
     },

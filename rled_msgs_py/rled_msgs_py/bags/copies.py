@@ -28,6 +28,8 @@ from rled_msgs_py.tick import STATE_NAMES
 from rled_msgs_py.topics import EPISODE_EVENTS, JOINT_STATES, ROBOT_DESCRIPTION, TASK_DESCRIPTION
 
 DESCRIPTIONS = (ROBOT_DESCRIPTION.name, TASK_DESCRIPTION.name)
+MOST = 1e9
+"""More seconds than a recording has."""
 APART = NANOSECONDS
 """Simulation time between two merged recordings (ns)."""
 
@@ -70,7 +72,7 @@ def trim(bag: Bag, output: Path, begin: float, end: float, report: Report, *, ov
     """
     states = series(bag, JOINT_STATES).moments
     zero = int(states[0]) if len(states) else next(dated(bag)).moment
-    first, stop = zero + round(begin * NANOSECONDS), zero + round(min(end, 1e9) * NANOSECONDS)
+    first, stop = (zero + round(min(max(seconds, -MOST), MOST) * NANOSECONDS) for seconds in (begin, end))
     line = timeline(bag) if bag.counts[EPISODE_EVENTS.name] else None
     of = {each.number for each in episodes(bag, line) if each.first < stop and each.last >= first} if line else set()
 
