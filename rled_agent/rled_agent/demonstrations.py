@@ -1,5 +1,6 @@
 """Demonstrations as arrays: the points ζᵃ, the trajectories ζᵇ in closed form, and recorded trajectories."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -8,10 +9,13 @@ from typing import NamedTuple, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 from rled_msgs_py.bags import Bag
+from rled_msgs_py.bags.episodes import discarded
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.topics import EE_POSE, JOINT_DELTA, JOINT_STATES, MARKED_EE_POSE, MARKED_JOINT_STATES, TARGET_POSE
 from rled_sim.kinematics import Chain
+
+from rled_agent.selection import Episodes, outside, select_episodes, select_points
 
 Floats = NDArray[np.float64]
 
@@ -197,7 +201,7 @@ class RecordedTrajectories:
 
 
 def demonstration_points(bag: Bag) -> DemonstrationPoints:
-    """Read ζᵃ from a bag's marks.
+    """Read ζᵃ from a bag's marks, those in discarded episodes less.
 
     Raises:
         DemonstrationError: fewer than two points.
@@ -205,7 +209,9 @@ def demonstration_points(bag: Bag) -> DemonstrationPoints:
     """
     joints = bag.joints(MARKED_JOINT_STATES)
     poses = bag.poses(MARKED_EE_POSE)
-    _, of_joints, of_poses = np.intersect1d(joints.stamps, poses.stamps, return_indices=True)
+    stamps, of_joints, of_poses = np.intersect1d(joints.stamps, poses.stamps, return_indices=True)
+    kept = ~_lie_in(stamps, [(first, last + 1) for first, last in discarded(bag)])
+    of_joints, of_poses = of_joints[kept], of_poses[kept]
     if len(of_joints) < 2:
         raise DemonstrationError(f"the bag holds {len(of_joints)} marked points", "2 or more", "record with marks")
     return DemonstrationPoints(poses.position[of_poses], joints.ordered(bag.task.joint_names).position[of_joints])
@@ -217,8 +223,12 @@ def joined_points(bag: Bag) -> JoinedPoints:
     return JoinedPoints(bag.task, demonstration_points(bag), chain)
 
 
-def recorded_trajectories(bag: Bag) -> RecordedTrajectories:
+def recorded_trajectories(bag: Bag, chosen: Episodes | None = None) -> RecordedTrajectories:
     """The transitions that a bag recorded after its last mark; before it the operator did not go for targets.
+
+    Args:
+        bag: a recording.
+        chosen: the episodes to take, all of them by default.
 
     Raises:
         DemonstrationError: no answered state in it, or stamps that begin anew.
@@ -232,8 +242,12 @@ def recorded_trajectories(bag: Bag) -> RecordedTrajectories:
     stamps = states.stamps
     for other in (ee.stamps, targets.stamps, deltas.stamps):
         stamps = np.intersect1d(stamps, other)
-    if len(marks.stamps):
+    left_out = [] if chosen is None else chosen.left_out
+    if chosen is not None and chosen.spans is not None:
+        left_out = outside(chosen.spans)
+    elif len(marks.stamps):
         stamps = stamps[stamps > marks.stamps[-1]]
+    stamps = stamps[~_lie_in(stamps, left_out)]
     if not len(stamps):
         raise DemonstrationError("the bag holds no recorded trajectory", "states answered by joint_delta")
     of_states, of_ee, of_targets, of_deltas = (
@@ -242,11 +256,38 @@ def recorded_trajectories(bag: Bag) -> RecordedTrajectories:
     goal = targets.position[of_targets]
     q, actions = (table.ordered(task.joint_names).position for table in (states, deltas))
     observations = task.observe(q[of_states], ee.position[of_ee], goal)
-    trajectory = np.cumsum(np.any(np.diff(goal, axis=0, prepend=goal[:1]) != 0, axis=1))
+    is_new = np.any(np.diff(goal, axis=0, prepend=goal[:1]) != 0, axis=1)
+    gaps = np.searchsorted(np.array([first for first, _ in left_out], np.int64), stamps, side="right")
+    trajectory = np.cumsum(is_new | (np.diff(gaps, prepend=gaps[:1]) != 0))
     return RecordedTrajectories(task, observations, actions[of_deltas], trajectory)
 
 
-def open_demonstrations(path: Path, source: str) -> Demonstrations:
-    """Open a bag's demonstrations: ``points`` (ζᵇ in closed form) or ``trajectories`` (as recorded)."""
+def open_demonstrations(
+    path: Path, source: str, min_quality: float = 0.0, say: Callable[[str], None] = lambda _: None
+) -> Demonstrations:
+    """Open a bag's demonstrations.
+
+    Args:
+        path: the bag.
+        source: ``points`` (ζᵇ in closed form) or ``trajectories`` (as recorded).
+        min_quality: least quality of an episode, for ``trajectories`` only.
+        say: takes a line for each part that is left out.
+
+    Raises:
+        RledError: the bag is damaged or faulty, or holds nothing of the kind.
+    """
     bag = Bag(path)
-    return joined_points(bag) if source == "points" else recorded_trajectories(bag)
+    if source == "points":
+        if min_quality > 0.0:
+            raise DemonstrationError(f"--min-quality {min_quality:g} with --source points", "--source trajectories")
+        select_points(bag, say)
+        return joined_points(bag)
+    return recorded_trajectories(bag, select_episodes(bag, min_quality, say))
+
+
+def _lie_in(stamps: NDArray[np.int64], spans: list[tuple[int, int]]) -> NDArray[np.bool_]:
+    """Whether each stamp lies in one of spans, each its first moment and its end, shape (k,)."""
+    inside = np.zeros(len(stamps), dtype=bool)
+    for first, stop in spans:
+        inside |= (stamps >= first) & (stamps < stop)
+    return inside

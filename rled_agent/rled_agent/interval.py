@@ -3,7 +3,6 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-import torch
 from rled_msgs_py.records import Actor
 
 from rled_agent.behaviour import Choice
@@ -59,7 +58,5 @@ class Interval:
         return row | self._losses()
 
     def _losses(self) -> dict[str, float]:
-        if not self.updates:
-            return dict.fromkeys(Metrics._fields, np.nan)
-        means = [float(torch.stack(values).mean()) for values in zip(*self.updates, strict=True)]
-        return dict(zip(Metrics._fields, means, strict=True))
+        names = ("critic_loss", "q")
+        return {name: float(np.mean([getattr(each, name) for each in self.updates] or [np.nan])) for name in names}

@@ -49,10 +49,25 @@ class LearnerConfig:
 
 
 class Metrics(NamedTuple):
-    """What an update reports; tensors, so that nothing is read back inside it."""
+    """What an update reports; it costs nothing until it is read.
 
-    critic_loss: Tensor
-    q: Tensor
+    Attributes:
+        error: Q_i − y, shape (e, b, 1).
+        target: y, shape (b, 1).
+    """
+
+    error: Tensor
+    target: Tensor
+
+    @property
+    def critic_loss(self) -> float:
+        """Mean over the critics of J_c (Eq. 4.5)."""
+        return float(self.error.square().mean())
+
+    @property
+    def q(self) -> float:
+        """Mean value of the batch."""
+        return float(self.error.mean() + self.target.mean())
 
 
 class Learner:
@@ -94,7 +109,7 @@ class Learner:
         error = q - target  # (e, b, 1)
         self.critic.backward(error * (2.0 / len(target)))  # Eq. 4.5
         self.critic_adam.step(self._rate(self.config.critic_rate))  # Eq. 4.6
-        return Metrics(error.square().mean(), q.mean())
+        return Metrics(error, target)
 
     def _target(self, batch: Batch) -> Tensor:
         """Y = r + γ (1 − terminated) min_i Q'_i(s', ã) (Eq. 4.4), shape (b, 1)."""
@@ -105,7 +120,7 @@ class Learner:
             noise = torch.empty_like(action).normal_(0.0, config.target_noise, generator=self.generator)
             action.add_(noise.clamp_(-config.target_clip, config.target_clip)).clamp_(-1.0, 1.0)
         q = self.target_critic.forward(batch.next_observation, action)  # (e, b, 1)
-        return batch.reward + config.gamma * (1.0 - batch.terminated) * q.amin(dim=0)
+        return torch.addcmul(batch.reward, 1.0 - batch.terminated, q.amin(dim=0), value=config.gamma)
 
     def _update_actor(self, batch: Batch) -> None:
         action = self.actor.forward(batch.observation, generator=self.generator)[0]  # (b, n)

@@ -8,7 +8,7 @@ and an ensemble (the twin critics of Eq. 4.2) is one batched product per layer.
 import math
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import torch
 from torch import Tensor
@@ -35,41 +35,51 @@ class Architecture:
     layer_norm: bool = False
 
 
-@dataclass
-class Layer:
-    """Views of one layer's parameters and gradients in the flat vectors, for e members.
+class Layer(NamedTuple):
+    """Views of one layer's parameters in the flat vectors, for e members; the last row of a block is the bias.
 
     Attributes:
-        weight: (e, inputs, outputs).
-        bias: (e, 1, outputs).
-        weight_gradient: like weight.
-        bias_gradient: like bias.
+        block: (e, inputs + 1, outputs).
+        gradient: like block.
+        weight_transposed: the block without its bias, (e, outputs, inputs).
     """
 
-    weight: Tensor
-    bias: Tensor
-    weight_gradient: Tensor
-    bias_gradient: Tensor
+    block: Tensor
+    gradient: Tensor
+    weight_transposed: Tensor
 
 
 @dataclass
 class Tape:
-    """What one forward pass leaves for its backward pass, for b rows.
+    """Memory of one forward pass and its backward pass, for b rows.
+
+    The input of every layer ends in a column of ones, which the bias belongs to: so bias and bias gradient come out of
+    the same products as the weights.
 
     Attributes:
-        inputs: input of each layer, (e, b, inputs); that of a hidden layer is the activation before it.
-        linear: output of each layer before norm and activation, (e, b, outputs); without a norm, which alone needs it
-            again, the activation is written over it.
-        gradients: memory for the gradient at each layer's output, (e, b, outputs).
+        inputs: input of each layer, (e, b, inputs + 1); that of a hidden layer is the activation before it.
+        units: the same without the ones, (e, b, inputs).
+        transposed: inputs, (e, inputs + 1, b).
+        linear: output of each layer before norm and activation, (e, b, outputs).
+        gradients: gradient at each layer's output, (e, b, outputs).
         masks: dropout factors of the hidden layers, (e, b, outputs), none where nothing was dropped.
         statistics: mean and reciprocal deviation of the hidden layers that are normalised.
     """
 
     inputs: list[Tensor]
+    units: list[Tensor]
+    transposed: list[Tensor]
     linear: list[Tensor]
     gradients: list[Tensor]
     masks: list[Tensor] = field(default_factory=list)
     statistics: list[tuple[Tensor, Tensor]] = field(default_factory=list)
+
+
+def _tape(members: int, rows: int, sizes: tuple[int, ...]) -> Tape:
+    inputs = [torch.ones(members, rows, width + 1) for width in sizes[:-1]]
+    linear = [torch.empty(members, rows, width) for width in sizes[1:]]
+    units, transposed = [each[..., :-1] for each in inputs], [each.transpose(1, 2) for each in inputs]
+    return Tape(inputs, units, transposed, linear, [torch.empty_like(each) for each in linear])
 
 
 class Network:
@@ -104,22 +114,16 @@ class Network:
         self.layers = self._views()
         self._tapes: dict[int, Tape] = {}
         for layer in self.layers:
-            bound = 1.0 / math.sqrt(layer.weight.shape[1])
-            layer.weight.uniform_(-bound, bound, generator=generator)
-            layer.bias.uniform_(-bound, bound, generator=generator)
+            bound = 1.0 / math.sqrt(layer.block.shape[1] - 1)
+            for part in (layer.block[:, :-1], layer.block[:, -1:]):
+                part.copy_(torch.empty(part.shape).uniform_(-bound, bound, generator=generator))
 
     def _views(self) -> list[Layer]:
-        layers, start = [], 0
-        for inputs, outputs in pairwise(self.sizes):
-            views = []
-            for rows in (inputs, 1):
-                end = start + self.members * rows * outputs
-                shape = (self.members, rows, outputs)
-                views += [self.parameters[start:end].view(shape), self.gradients[start:end].view(shape)]
-                start = end
-            weight, weight_gradient, bias, bias_gradient = views
-            layers.append(Layer(weight, bias, weight_gradient, bias_gradient))
-        return layers
+        shapes = [(self.members, inputs + 1, outputs) for inputs, outputs in pairwise(self.sizes)]
+        sizes = [math.prod(shape) for shape in shapes]
+        blocks = [part.view(shape) for part, shape in zip(self.parameters.split(sizes), shapes, strict=True)]
+        gradients = [part.view(shape) for part, shape in zip(self.gradients.split(sizes), shapes, strict=True)]
+        return [_layer(block, gradient) for block, gradient in zip(blocks, gradients, strict=True)]
 
     def copy(self) -> "Network":
         """A network of the same weights with memory of its own: a target network (Eq. 4.3)."""
@@ -139,26 +143,16 @@ class Network:
         view = object.__new__(Network)
         view.architecture, view.squash, view.members, view.sizes = self.architecture, self.squash, 1, self.sizes
         view.parameters, view.gradients = self.parameters, self.gradients
-        view.layers = [
-            Layer(each.weight[:1], each.bias[:1], each.weight_gradient[:1], each.bias_gradient[:1])
-            for each in self.layers
-        ]
+        view.layers = [_layer(each.block[:1], each.gradient[:1]) for each in self.layers]
         view._tapes = {}
         return view
 
     def named_parameters(self) -> dict[str, Tensor]:
         """Views by name: ``0.weight`` of shape (e, inputs, outputs), ``0.bias`` of shape (e, 1, outputs), ..."""
-        return {
-            f"{k}.{kind}": getattr(layer, kind) for k, layer in enumerate(self.layers) for kind in ("weight", "bias")
-        }
-
-    def _tape(self, rows: int) -> Tape:
-        if rows not in self._tapes:
-            linear = [torch.empty(self.members, rows, width) for width in self.sizes[1:]]
-            hidden = [torch.empty_like(each) if self.architecture.layer_norm else each for each in linear[:-1]]
-            first = torch.empty(self.members, rows, self.sizes[0])
-            self._tapes[rows] = Tape([first, *hidden], linear, [torch.empty_like(each) for each in linear])
-        return self._tapes[rows]
+        parts: dict[str, Tensor] = {}
+        for k, layer in enumerate(self.layers):
+            parts |= {f"{k}.weight": layer.block[:, :-1], f"{k}.bias": layer.block[:, -1:]}
+        return parts
 
     def forward(self, *parts: Tensor, generator: torch.Generator | None = None) -> Tensor:
         """Output for a batch, in memory that the next call with as many rows overwrites.
@@ -171,19 +165,25 @@ class Network:
             Shape (e, b, outputs).
         """
         tape = self._tape(len(parts[0]))
-        torch.cat([part.expand(self.members, -1, -1) for part in parts], dim=2, out=tape.inputs[0])
+        start = 0
+        for part in parts:
+            tape.units[0][..., start : start + part.shape[-1]] = part
+            start += part.shape[-1]
         tape.masks.clear()
         tape.statistics.clear()
-        last = len(self.layers) - 1
         for k, layer in enumerate(self.layers):
-            torch.baddbmm(layer.bias, tape.inputs[k], layer.weight, out=tape.linear[k])
-            if k < last:
+            _multiply(tape.inputs[k], layer.block, tape.linear[k])
+            if k + 1 < len(self.layers):
                 self._hidden(tape, k, generator)
-        out = tape.linear[last]
-        return out.tanh_() if self.squash else out
+        return tape.linear[-1].tanh_() if self.squash else tape.linear[-1]
+
+    def _tape(self, rows: int) -> Tape:
+        if rows not in self._tapes:
+            self._tapes[rows] = _tape(self.members, rows, self.sizes)
+        return self._tapes[rows]
 
     def _hidden(self, tape: Tape, k: int, generator: torch.Generator | None) -> None:
-        x, out = tape.linear[k], tape.inputs[k + 1]
+        x, out = tape.linear[k], tape.units[k + 1]
         if self.architecture.layer_norm:
             x, mean, scale = torch.native_layer_norm(x, x.shape[-1:], None, None, NORM_EPSILON)
             tape.statistics.append((mean, scale))
@@ -214,31 +214,41 @@ class Network:
         for k in range(len(self.layers) - 1, -1, -1):
             layer = self.layers[k]
             if parameters:
-                torch.bmm(tape.inputs[k].transpose(1, 2), gradient, out=layer.weight_gradient)
-                torch.sum(gradient, dim=1, keepdim=True, out=layer.bias_gradient)
+                _multiply(tape.transposed[k], gradient, layer.gradient)
             if k > 0:
-                before = torch.bmm(gradient, layer.weight.transpose(1, 2), out=tape.gradients[k - 1])
+                before = torch.bmm(gradient, layer.weight_transposed, out=tape.gradients[k - 1])
                 gradient = self._hidden_backward(tape, k - 1, before)
         if inputs_from is None:
             return None
-        return torch.bmm(gradient, self.layers[0].weight[:, inputs_from:].transpose(1, 2))
+        return torch.bmm(gradient, self.layers[0].weight_transposed[..., inputs_from:])
 
     def _hidden_backward(self, tape: Tape, k: int, gradient: Tensor) -> Tensor:
         if tape.masks:
             gradient.mul_(tape.masks[k])
         slope = SLOPE[self.architecture.activation]
         if slope:
-            torch.ops.aten.leaky_relu_backward.grad_input(
-                gradient, tape.inputs[k + 1], slope, True, grad_input=gradient
-            )
+            torch.ops.aten.leaky_relu_backward.grad_input(gradient, tape.units[k + 1], slope, True, grad_input=gradient)
         else:
-            torch.ops.aten.threshold_backward.grad_input(gradient, tape.inputs[k + 1], 0.0, grad_input=gradient)
+            torch.ops.aten.threshold_backward.grad_input(gradient, tape.units[k + 1], 0.0, grad_input=gradient)
         if self.architecture.layer_norm:
             x, (mean, scale) = tape.linear[k], tape.statistics[k]
             gradient, _, _ = torch.ops.aten.native_layer_norm_backward(
                 gradient, x, x.shape[-1:], mean, scale, None, None, [True, False, False]
             )
         return gradient
+
+
+def _multiply(a: Tensor, b: Tensor, out: Tensor) -> None:
+    """Batched product; a single column, as a critic's last layer has it, is quicker member by member."""
+    if out.shape[-1] > 1:
+        torch.bmm(a, b, out=out)
+        return
+    for member in range(len(out)):
+        torch.mm(a[member], b[member], out=out[member])
+
+
+def _layer(block: Tensor, gradient: Tensor) -> Layer:
+    return Layer(block, gradient, block[:, :-1].transpose(1, 2))
 
 
 def dropout_mask(shape: tuple[int, ...], probability: float, generator: torch.Generator) -> Tensor:

@@ -33,6 +33,8 @@ class Options:
     """folder for the results"""
     source: Literal["points", "trajectories"] = "points"
     """points: every pair of marked points, joined in closed form; trajectories: the motions as recorded"""
+    min_quality: float = 0.0
+    """trajectories only: leave out episodes with a lower score, 0 to 1, as demos info shows it"""
     seed: int = 0
     """of weights, split and batches: the same seed gives the same weights"""
     expert: Annotated[ExpertConfig, tyro.conf.arg(name="")] = field(default_factory=ExpertConfig)
@@ -43,9 +45,9 @@ class Options:
 def main() -> None:
     """Run the command."""
     options = tyro.cli(Options, prog="train_expert")
-    require_ranges(options, {"seed": SEEDS})
+    require_ranges(options, {"seed": SEEDS, "min_quality": (0.0, 1.0)})
     torch.set_num_threads(1)
-    demonstrations = open_demonstrations(options.bag, options.source)
+    demonstrations = open_demonstrations(options.bag, options.source, options.min_quality, print)
     print(f"{len(demonstrations):,} demonstrated transitions of robot {demonstrations.task.robot}")
     generator = np.random.default_rng(options.seed)
     with Progress("step", options.expert.steps) as progress:
@@ -59,6 +61,7 @@ def main() -> None:
     summary = {
         "bag": str(options.bag),
         "source": options.source,
+        "min_quality": options.min_quality,
         "transitions": len(demonstrations),
         "expert_val_mse": curve[-1].validation,
         "seed": options.seed,

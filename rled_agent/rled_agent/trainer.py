@@ -107,7 +107,7 @@ class Trainer:
     def _learn(self, gradient_steps: int) -> None:
         for _ in range(gradient_steps):
             self.interval.updates.append(self.learner.update(self._batch()))
-        if gradient_steps and not math.isfinite(float(self.interval.updates[-1].critic_loss)):
+        if gradient_steps and not math.isfinite(self.interval.updates[-1].critic_loss):
             raise DivergenceError(f"the critic's loss is no number at step {self.step}", "", "lower the learning rates")
 
     def _batch(self) -> Batch:

@@ -46,7 +46,7 @@ def leaves(network: Network) -> dict[str, torch.Tensor]:
 def gradients(network: Network) -> dict[str, torch.Tensor]:
     views = {}
     for k, layer in enumerate(network.layers):
-        views |= {f"{k}.weight": layer.weight_gradient, f"{k}.bias": layer.bias_gradient}
+        views |= {f"{k}.weight": layer.gradient[:, :-1], f"{k}.bias": layer.gradient[:, -1:]}
     return views
 
 
@@ -137,10 +137,11 @@ def test_same_seed_gives_the_same_weights_within_the_bound_of_the_fan_in():
     assert not torch.equal(one.parameters, other.parameters)
     wide = Network(100, 50, Architecture(hidden=(25,)), generator())
     for layer, fan_in in zip(wide.layers, (100, 25), strict=True):
-        for each in (layer.weight, layer.bias):
+        weight = layer.block[:, :-1]
+        for each in (weight, layer.block[:, -1:]):
             assert each.abs().max() <= fan_in**-0.5
-        assert layer.weight.abs().max() > 0.95 * fan_in**-0.5
-        assert abs(float(layer.weight.mean())) < 0.1 * fan_in**-0.5
+        assert weight.abs().max() > 0.95 * fan_in**-0.5
+        assert abs(float(weight.mean())) < 0.1 * fan_in**-0.5
 
 
 def test_a_copy_has_the_weights_and_memory_of_its_own():
@@ -164,15 +165,15 @@ def test_a_backward_pass_of_the_first_member_writes_its_gradients_and_no_weight(
     network, x, weight = make(), numbers(ROWS, 3), numbers(2, ROWS, 2)
     network.forward(x)
     network.backward(weight.clone())
-    before, expected = network.parameters.clone(), [each.weight_gradient[:1].clone() for each in network.layers]
+    before, expected = network.parameters.clone(), [each.gradient[:1].clone() for each in network.layers]
     network.gradients.zero_()
     first = network.first()
     first.forward(x)
     first.backward(weight[:1].clone())
     assert torch.equal(network.parameters, before)
     for layer, gradient in zip(network.layers, expected, strict=True):
-        torch.testing.assert_close(layer.weight_gradient[:1], gradient)
-        assert not layer.weight_gradient[1:].any()
+        torch.testing.assert_close(layer.gradient[:1], gradient)
+        assert not layer.gradient[1:].any()
 
 
 def test_dropout_is_off_without_a_generator():

@@ -1,0 +1,93 @@
+"""Which parts of a recording are learned from: faulty, discarded and poor episodes are left out, and it is said."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from rled_msgs_py.bags import Bag, Review, review
+from rled_msgs_py.bags.episodes import FOREVER
+from rled_msgs_py.bags.faults import ASIDE, Fault
+from rled_msgs_py.errors import RledError
+from rled_msgs_py.topics import EPISODE_EVENTS, MARKED_EE_POSE, MARKED_JOINT_STATES
+
+POINTS = {MARKED_JOINT_STATES.name, MARKED_EE_POSE.name}
+"""Topics that the points of ζᵃ are read from; the trajectories are read from the others too."""
+
+Say = Callable[[str], None]
+
+
+class SelectionError(RledError):
+    """A recording with a fault that cannot be left out, or nothing in it good enough."""
+
+
+class Episodes(NamedTuple):
+    """Stretches of a recording.
+
+    Attributes:
+        spans: first and last moment (ns) of those to learn from, in order; None for all after the last mark.
+        left_out: first moment and end (ns) of those that are not learned from.
+    """
+
+    spans: list[tuple[int, int]] | None
+    left_out: list[tuple[int, int]]
+
+
+def select_points(bag: Bag, say: Say) -> None:
+    """See that the marks of a bag can be learned from, and say which are left out.
+
+    Raises:
+        SelectionError: they are faulty.
+    """
+    found = review(bag)
+    _require_sound(bag, found, [fault for fault in found.faults if set(fault.topics) & POINTS])
+    dropped = [episode.number for episode in found.episodes if not episode.kept]
+    if dropped:
+        say(f"left out: marks of discarded {_names(dropped)}")
+
+
+def select_episodes(bag: Bag, min_quality: float, say: Say) -> Episodes:
+    """Choose the episodes of a bag, and say which are left out and why.
+
+    Args:
+        bag: a recording.
+        min_quality: least score of an episode, 0 to 1.
+        say: takes each line.
+
+    Raises:
+        SelectionError: a fault spoils the whole recording, or no episode is left.
+    """
+    found = review(bag)
+    _require_sound(bag, found, found.faults)
+    reasons = dict[int, str]()
+    for episode, quality in zip(found.episodes, found.qualities, strict=True):
+        if not episode.kept:
+            reasons[episode.number] = "discarded by the operator"
+        elif quality.score < min_quality:
+            reasons[episode.number] = f"quality below {min_quality:g}"
+    for fault in found.faults:
+        for number in found.episodes_of(fault):
+            reasons.setdefault(number, f"{fault.kind} at {found.seconds(fault.first):.2f} s: {fault.what}")
+    for reason in dict.fromkeys(reasons.values()):
+        say(f"left out: {_names([number for number, why in reasons.items() if why == reason])}: {reason}")
+    if found.episodes and len(reasons) == len(found.episodes):
+        raise SelectionError(f"no episode of {bag.path} is left", "one or more", f"see: demos info {bag.path}")
+    chosen = [(each.first, each.last) for each in found.episodes if each.number not in reasons]
+    left_out = [(each.first, each.last) for each in found.episodes if each.number in reasons]
+    return Episodes(chosen if bag.counts[EPISODE_EVENTS.name] else None, left_out)
+
+
+def outside(spans: list[tuple[int, int]]) -> list[tuple[int, int]]:
+    """What lies outside of spans with their last moments in them: first moment and end of each part (ns)."""
+    ends = [0, *(last + 1 for _, last in spans)]
+    return [(end, first) for end, first in zip(ends, [*(first for first, _ in spans), FOREVER], strict=True)]
+
+
+def _require_sound(bag: Bag, found: Review, faults: list[Fault]) -> None:
+    for fault in faults:
+        if fault.kind not in ASIDE:
+            where = f"{', '.join(fault.topics)} at {found.seconds(fault.first):.2f} s"
+            what = f"{bag.path} is faulty: {fault.kind}: {where}: {fault.what}"
+            raise SelectionError(what, "a bag without such faults", f"see what to do with: demos check {bag.path}")
+
+
+def _names(numbers: list[int]) -> str:
+    return f"episode{'s' if len(numbers) > 1 else ''} {', '.join(map(str, numbers))}"
