@@ -106,7 +106,7 @@ def _quality(task: TaskDescription, line: Timeline, episode: Episode, far: Float
     third = [np.diff(line.q[span], 3, axis=0) for span in spans if span.stop - span.start > 3]
     jerk = float(np.sqrt(np.mean(np.concatenate(third) ** 2))) if third else 0.0
     steps = np.concatenate([np.abs(np.diff(line.q[span], axis=0)).max(axis=1) for span in spans])
-    idle = float(np.mean(steps < IDLE * task.max_delta))
+    idle = float(np.mean(steps < IDLE * task.max_delta)) if len(steps) else 0.0
     own = np.concatenate([far[span.start : span.stop - 1] for span in spans])
     contradiction = float(np.nanmean(own)) if not np.isnan(own).all() else 0.0
     marks = 1.0 / detour, 1.0 / (1.0 + jerk / task.max_delta), 1.0 - idle, 1.0 - contradiction
