@@ -21,7 +21,8 @@ from rled_sim.tasks import reach_task
 
 from rled_msgs_py import topics
 
-DOMAINS = [each for each in range(1, 102) if each != 87]  # not 0, the default, nor 87, the demo's; above 101 are ephemeral ports
+DOMAINS = [each for each in range(1, 102) if each != 87]
+"""Not 0, everybody's default, nor 87, the demo's; above 101 the ports meet Linux's ephemeral ones."""
 
 os.environ["MPLBACKEND"] = "Agg"
 settings.register_profile("rled", deadline=None, derandomize=True)

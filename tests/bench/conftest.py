@@ -19,4 +19,6 @@ def figure() -> Iterator[Callable[[str, float], None]]:
     yield figures.__setitem__
     described = {"python": platform.python_version(), "numpy": np.__version__, "machine": platform.machine()}
     write_whole(SUMMARY, json.dumps(figures | {"environment": described}, indent=2, sort_keys=True) + "\n")
+    rows = "".join(f"| `{name}` | {value:,.4g} |\n" for name, value in sorted(figures.items()))
+    write_whole(SUMMARY.with_name("table.md"), f"| figure | measured |\n|---|---|\n{rows}")
     print(f"\n{SUMMARY.relative_to(Path.cwd()) if SUMMARY.is_relative_to(Path.cwd()) else SUMMARY}: {figures}")
