@@ -1,6 +1,7 @@
 """Gradient steps per second against Stable-Baselines3, a plain eager TD3, and the matrix products alone."""
 
 import copy
+import itertools
 import statistics
 import time
 
@@ -130,7 +131,7 @@ def products():
 
     def operands(inputs, outputs):
         sizes = (inputs, *HIDDEN, outputs)
-        weights = [torch.randn(a, b, generator=generator) for a, b in zip(sizes, sizes[1:], strict=False)]
+        weights = [torch.randn(a, b, generator=generator) for a, b in itertools.pairwise(sizes)]
         rows = [torch.randn(BATCH, width, generator=generator) for width in sizes]
         return weights, [each.clone() for each in weights], rows, [each.clone() for each in rows]
 
