@@ -6,7 +6,11 @@ import time
 from collections.abc import Iterator
 
 import pytest
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rled_msgs_py.node import fresh_context, spin_until
 from rled_msgs_py.processes import program
+from rled_msgs_py.topics import JOINT_STATES, Topic
 
 PATIENCE = 60.0
 
@@ -21,6 +25,19 @@ def operate(*arguments: str) -> tuple[int, str]:
     operator = start("rled_teleop", "teleop_scripted", *arguments)
     _, err = operator.communicate(timeout=PATIENCE)
     return operator.returncode, err
+
+
+def await_subscriber_of(topic: Topic) -> None:
+    """Return when a node subscribes to a topic, so that it is built and handles signals."""
+    context = fresh_context()
+    node = Node("onlooker", context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    try:
+        spin_until(executor, lambda: node.count_subscribers(topic.name) > 0, PATIENCE, f"a subscriber of {topic.name}")
+    finally:
+        node.destroy_node()
+        context.try_shutdown()
 
 
 @pytest.fixture(scope="module")
@@ -57,8 +74,9 @@ def test_a_parameter_out_of_range_is_refused_in_one_line() -> None:
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_operator_that_waits_for_subscribers_ends_on_a_signal(number: signal.Signals) -> None:
     operator = start("rled_teleop", "teleop_scripted", "--wait-for-subscribers", "7")
+    await_subscriber_of(JOINT_STATES)
     with pytest.raises(subprocess.TimeoutExpired):
-        operator.communicate(timeout=2.0)  # it goes on waiting
+        operator.communicate(timeout=1.0)  # it goes on waiting
     operator.send_signal(number)
     began = time.monotonic()
     _, err = operator.communicate(timeout=PATIENCE)
