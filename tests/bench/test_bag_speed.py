@@ -18,7 +18,7 @@ from rosbags.highlevel import AnyReader
 MESSAGES = 1_000_000
 PART = 30_000
 """Messages that rosbags decodes; its rate does not depend on their number."""
-ROUNDS = 5
+ROUNDS = 3
 NAMES = tuple(f"panda_joint{k}" for k in range(1, 8))
 
 

@@ -78,7 +78,7 @@ def test_ticks_that_are_missing_on_all_topics_are_lost_messages(tmp_path):
 @pytest.mark.parametrize("name", sorted(STATES))
 def test_messages_missing_on_one_topic_are_lost(tmp_path, name):
     faults = reviewed(tmp_path, without(entries(), name, 20, 23)).faults
-    assert [fault for fault in faults if fault.topics == (name,)][0][:4] == (LOST, (name,), 20 * PERIOD, 22 * PERIOD)
+    assert next(fault for fault in faults if fault.topics == (name,))[:4] == (LOST, (name,), 20 * PERIOD, 22 * PERIOD)
     assert all(fault.kind == LOST for fault in faults)
 
 

@@ -76,10 +76,10 @@ def episodes(bag: Bag, line: Timeline) -> list[Episode]:
 
 
 def legs(line: Timeline, taken_out: list[tuple[int, int]]) -> list[Leg]:
-    """The ways to targets; one ends where the counters do not go on or a part was taken out."""
+    """The ways to targets; one ends where a counter changes, steps are counted anew or a part was taken out."""
     if not len(line.moments):
         return []
-    same_episode, on = np.diff(line.episode) == 0, np.diff(line.step) == 1
+    same_episode, on = np.diff(line.episode) == 0, np.diff(line.step) > 0
     cut = np.isin(line.moments[1:], [after for _, after in taken_out])
     goes_on = same_episode & on & ~cut
     starts = np.flatnonzero(np.append(True, ~goes_on | (np.diff(line.reached) != 0)))

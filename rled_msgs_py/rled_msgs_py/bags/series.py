@@ -108,8 +108,8 @@ def _at_once(bag: Bag, topic: Topic) -> Series:
 def _of(topic: Topic, records: Iterable[Record], misfits: Sequence[Misfit]) -> Series:
     rows = [_row(record) for record in records]
     stamps = np.array([stamp for stamp, _, _ in rows], np.int64)
-    values = np.array([values for *_, values in rows], float).reshape(len(rows), -1)
-    names = rows[0][1] if rows else ()
+    names, width = (rows[0][1], len(rows[0][2])) if rows else ((), 0)
+    values = np.array([values for *_, values in rows], float).reshape(len(rows), width)
     return Series(topic, stamps, going_on(stamps), names, values, tuple(misfits))
 
 
