@@ -17,13 +17,17 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
     ],
-    install_requires=["numpy", "rled_msgs_py", "rled_sim", "tqdm", "tyro"],
+    install_requires=["numpy", "pyyaml", "rled_msgs_py", "rled_sim", "tqdm", "tyro"],
+    extras_require={"gamepad": ["evdev-binary"]},
     zip_safe=False,
     entry_points={
         "console_scripts": [
             "teleop_scripted = rled_teleop.teleop_scripted:main",
             "teleop_keyboard = rled_teleop.teleop_keyboard:main",
             "demos = rled_teleop.demos:main",
+            "teleop_gamepad = rled_teleop.teleop_gamepad:main",
+            "teleop_kinesthetic = rled_teleop.teleop_kinesthetic:main",
+            "replay_demos = rled_teleop.replay_demos:main",
             "record_demos = rled_teleop.record_demos:main",
         ]
     },

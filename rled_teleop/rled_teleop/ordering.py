@@ -1,13 +1,10 @@
 """The order of messages in a bag: by stamp, then by topic, whatever order they were delivered in."""
 
-import struct
+from collections.abc import Callable
 from typing import NamedTuple
 
-from rled_msgs_py.topics import CLOCK, DIAGNOSTIC_ARRAY, JOINT_STATE, POSE_STAMPED, Topic
-
-NANOSECONDS = 1_000_000_000
-STAMPED = (JOINT_STATE, POSE_STAMPED, DIAGNOSTIC_ARRAY, CLOCK)
-"""Types that begin with a builtin_interfaces/Time."""
+from rled_msgs_py.bags.header import stamp_of
+from rled_msgs_py.topics import Topic
 
 
 class Received(NamedTuple):
@@ -28,20 +25,13 @@ class Received(NamedTuple):
     data: bytes
 
 
-def stamp_of(topic: Topic, data: bytes) -> int | None:
-    """Header stamp (ns) of a serialized message; None when its type has none or it is too short."""
-    if topic.type not in STAMPED or len(data) < 12:
-        return None
-    seconds, nanoseconds = struct.unpack_from("<iI" if data[1] & 1 else ">iI", data, 4)
-    return int(seconds) * NANOSECONDS + int(nanoseconds)
-
-
 class Ordering:
     """Holds messages for a moment, so that those of one stamp are written in a fixed order of topics.
 
     DDS keeps order within a topic only. ``due`` is called at a fixed rate and hands out everything up to the newest
-    stamp that was there at the call before it: a message waits at most two calls. What has no stamp waits for the
-    first stamp, and is filed under the newest one.
+    stamp that was there at the call before it, and all that was there itself: a message waits at most two calls, also
+    when stamps go back (latched topics hand a late joiner their history one after another). What has no stamp waits
+    for the first stamp, and is filed under the newest one.
     """
 
     def __init__(self) -> None:
@@ -49,11 +39,11 @@ class Ordering:
         self._unstamped: list[tuple[int, Topic, bytes]] = []
         self._newest: int | None = None
         self._ripe: int | None = None
-        self._count = 0
+        self._count = self._waiting = 0
 
     def add(self, topic: Topic, rank: int, data: bytes) -> None:
         """Take a message as received."""
-        stamp = stamp_of(topic, data)
+        stamp = stamp_of(topic.type, data)
         if stamp is not None:
             self._newest = stamp
             for rank_, topic_, data_ in self._unstamped:
@@ -67,11 +57,11 @@ class Ordering:
     def due(self) -> list[Received]:
         """What is ripe to be written, in order."""
         ripe, self._ripe = self._ripe, self._newest
+        waited, self._waiting = self._waiting, self._count
         if ripe is None:
             return []
-        written = sorted(each for each in self._held if each.stamp <= ripe)
-        self._held = [each for each in self._held if each.stamp > ripe]
-        return written
+        written, self._held = partition(self._held, lambda each: each.stamp <= ripe or each.number < waited)
+        return sorted(written)
 
     def rest(self) -> list[Received]:
         """Everything still held, in order."""
@@ -83,3 +73,11 @@ class Ordering:
     def _hold(self, stamp: int, rank: int, topic: Topic, data: bytes) -> None:
         self._held.append(Received(stamp, rank, self._count, topic, data))
         self._count += 1
+
+
+def partition(messages: list[Received], chosen: Callable[[Received], bool]) -> tuple[list[Received], list[Received]]:
+    """The messages that are chosen, and the others, both in their order."""
+    parts: tuple[list[Received], list[Received]] = [], []
+    for each in messages:
+        parts[not chosen(each)].append(each)
+    return parts

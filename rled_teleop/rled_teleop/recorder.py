@@ -1,5 +1,6 @@
 """Node: writes what travels on the topics, received over DDS and unchanged, into a bag."""
 
+import time
 from collections import defaultdict, deque
 from collections.abc import Callable
 from dataclasses import replace
@@ -11,6 +12,7 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from rled_msgs_py.bags import FLUSH_PERIOD, BagError, BagWriter
 from rled_msgs_py.bags.codec import decode, encode
+from rled_msgs_py.bags.header import stamp_of
 from rled_msgs_py.convert import MESSAGE_CLASSES, qos_profile, to_msg
 from rled_msgs_py.errors import ContractError
 from rled_msgs_py.node import advertise, declare
@@ -35,7 +37,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from rled_teleop import __version__
 from rled_teleop.episodes import About, Episodes, Refusal, targets_reached
-from rled_teleop.ordering import Ordering, Received, stamp_of
+from rled_teleop.ordering import Ordering, Received
 from rled_teleop.record_params import RecordParams, extra_topics
 
 WRITE_PERIOD = FLUSH_PERIOD / 2.0
@@ -65,7 +67,7 @@ class Recorder(Node):
         self._recent: defaultdict[Topic, deque[bytes]] = defaultdict(lambda: deque(maxlen=RECENT))
         self._episodes = Episodes(About(self.params.operator_name or self.params.operator, __version__))
         self._described, self._is_awaited = False, not self.params.paused
-        self._written = 0
+        self._written, self._flushed = 0, time.monotonic()
         self._marks = (advertise(self, MARKED_JOINT_STATES), advertise(self, MARKED_EE_POSE))
         self._events, self._reports = advertise(self, EPISODE_EVENTS), advertise(self, DIAGNOSTICS)
         self.create_service(SetBool, "~/record", self._on_record)
@@ -99,7 +101,7 @@ class Recorder(Node):
 
     def _newest_stamp(self, topic: Topic) -> int:
         recent = self._recent[topic]
-        return (stamp_of(topic, recent[-1]) or 0) if recent else -1
+        return (stamp_of(topic.type, recent[-1]) or 0) if recent else -1
 
     def _listen(self, topic: Topic) -> None:
         received = partial(self._received, topic, self._topics.index(topic))
@@ -115,9 +117,11 @@ class Recorder(Node):
         elif self._is_awaited:
             self._is_awaited = False
             self._ordering.add(topic, rank, data)
-            self._tell(self._episodes.start(stamp_of(topic, data) or 0))
+            self._tell(self._episodes.start(stamp_of(topic.type, data) or 0))
         if topic in DESCRIPTIONS:
             self._listen_to_the_rest()
+        if time.monotonic() - self._flushed >= WRITE_PERIOD:  # a burst of messages keeps the timer waiting
+            self._flush()
 
     def _listen_to_the_rest(self) -> None:
         if self._described or not all(self._recent[topic] for topic in DESCRIPTIONS):
@@ -137,6 +141,7 @@ class Recorder(Node):
             self.get_logger().error(f"{TASK_DESCRIPTION.name}: {error}")
 
     def _flush(self) -> None:
+        self._flushed = time.monotonic()
         self._write(self._ordering.due())
         if not self._described:
             self.get_logger().info("waiting for a simulation", throttle_duration_sec=5.0, skip_first=True)
@@ -211,7 +216,7 @@ class Recorder(Node):
     def _newest_pose(self) -> tuple[bytes, bytes] | None:
         """Joint state and pose of the newest stamp that both have."""
         joints, poses = (
-            {stamp_of(topic, each): each for each in self._recent[topic]} for topic in (JOINT_STATES, EE_POSE)
+            {stamp_of(topic.type, each): each for each in self._recent[topic]} for topic in (JOINT_STATES, EE_POSE)
         )
         common = [stamp for stamp in joints.keys() & poses.keys() if stamp is not None]
         return (joints[max(common)], poses[max(common)]) if common else None

@@ -1,8 +1,9 @@
 import struct
 from itertools import permutations
 
+from rled_msgs_py.bags.header import stamp_of
 from rled_msgs_py.topics import EE_POSE, JOINT_DELTA, JOINT_STATES, MARKERS, ROBOT_DESCRIPTION, Topic
-from rled_teleop.ordering import Ordering, stamp_of
+from rled_teleop.ordering import Ordering
 
 RANKS = {ROBOT_DESCRIPTION: 0, JOINT_STATES: 1, EE_POSE: 2, JOINT_DELTA: 3}
 
@@ -19,14 +20,14 @@ def order_of(messages: list[tuple[Topic, bytes]]) -> list[tuple[int, str]]:
 
 
 def test_the_stamp_of_a_little_and_a_big_endian_message_is_read() -> None:
-    assert stamp_of(JOINT_STATES, message(3_000_000_020)) == 3_000_000_020
-    assert stamp_of(JOINT_STATES, b"\x00\x00\x00\x00" + struct.pack(">iI", 3, 20)) == 3_000_000_020
+    assert stamp_of(JOINT_STATES.type, message(3_000_000_020)) == 3_000_000_020
+    assert stamp_of(JOINT_STATES.type, b"\x00\x00\x00\x00" + struct.pack(">iI", 3, 20)) == 3_000_000_020
 
 
 def test_a_text_a_marker_array_and_a_stump_have_no_stamp() -> None:
-    assert stamp_of(ROBOT_DESCRIPTION, message(5)) is None
-    assert stamp_of(MARKERS, message(5)) is None
-    assert stamp_of(JOINT_STATES, b"\x00\x01\x00\x00\x00") is None
+    assert stamp_of(ROBOT_DESCRIPTION.type, message(5)) is None
+    assert stamp_of(MARKERS.type, message(5)) is None
+    assert stamp_of(JOINT_STATES.type, b"\x00\x01\x00\x00\x00") is None
 
 
 def test_any_delivery_of_two_ticks_gives_one_order() -> None:

@@ -1,0 +1,95 @@
+"""The recording mapping g_rec of Eq. 2.1: from a device that a person moves to the robot, joint by joint."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from rled_msgs_py.errors import RledError
+from rled_msgs_py.records import JointSample
+
+Vector = NDArray[np.float64]
+
+
+class JointMap(NamedTuple):
+    """How one joint of the robot follows the device: angle = scale * device angle + offset.
+
+    Attributes:
+        name: joint of the device.
+        scale: robot's angle per device's angle (1).
+        offset: robot's angle (rad) at the device's zero.
+    """
+
+    name: str
+    scale: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class RecordingMapping:
+    """g_rec: what the robot's joints are when the device's are so.
+
+    Attributes:
+        joints: of the robot, in the order of its joint vector.
+        maps: one for each of them.
+    """
+
+    joints: tuple[str, ...]
+    maps: tuple[JointMap, ...]
+
+    @staticmethod
+    def from_yaml(text: str, joints: tuple[str, ...]) -> "RecordingMapping":
+        """Read ``joint: {name: ..., scale: ..., offset: ...}`` for each joint of the robot, from a text or a file.
+
+        What is left out keeps its default: the same name, scale 1, offset 0. An empty text maps each joint to itself.
+
+        Raises:
+            RledError: no such file, no YAML, a joint that the robot has not, or a value that is no number.
+        """
+        entries = _parse(text)
+        unknown = sorted(set(entries) - set(joints))
+        if unknown:
+            raise RledError(f"the mapping names {', '.join(unknown)}", ", ".join(joints))
+        return RecordingMapping(joints, tuple(_joint_map(joint, entries.get(joint, {})) for joint in joints))
+
+    def robot_joints(self, device: JointSample) -> Vector:
+        """Joint angles of the robot (rad), shape (n,), for a sample of the device.
+
+        Raises:
+            RledError: the device lacks a joint.
+        """
+        places = {name: place for place, name in enumerate(device.names)}
+        missing = [each.name for each in self.maps if each.name not in places]
+        if missing:
+            raise RledError(
+                f"the device has no joint {', '.join(missing)}", ", ".join(device.names), "declare a mapping"
+            )
+        angles = device.position[[places[each.name] for each in self.maps]]  # (n,)
+        mapped: Vector = np.array([each.scale for each in self.maps]) * angles + [each.offset for each in self.maps]
+        return mapped
+
+
+def _parse(text: str) -> dict[str, Any]:
+    try:
+        content = Path(text).read_text() if text.endswith((".yaml", ".yml")) else text
+        entries = yaml.safe_load(content) or {}
+    except OSError as error:
+        raise RledError(f"the mapping {text} cannot be read: {error.strerror}") from None
+    except yaml.YAMLError:
+        entries = None
+    if not isinstance(entries, dict):
+        raise RledError("the mapping is no YAML map", "{joint: {name: device_joint, scale: 1.0, offset: 0.0}, ...}")
+    return entries
+
+
+def _joint_map(joint: str, entry: Any) -> JointMap:
+    accepted = "name, scale, offset"
+    if not isinstance(entry, Mapping) or not set(entry) <= set(JointMap._fields):
+        raise RledError(f"the mapping of {joint} is {entry}", accepted)
+    name, *numbers = entry.get("name", joint), entry.get("scale", 1.0), entry.get("offset", 0.0)
+    if not all(isinstance(each, int | float) and not isinstance(each, bool) and np.isfinite(each) for each in numbers):
+        raise RledError(f"the mapping of {joint} has scale {numbers[0]} and offset {numbers[1]}", "finite numbers")
+    return JointMap(str(name), *map(float, numbers))
