@@ -13,7 +13,9 @@ import pytest
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("rled_msgs_py", "rled_sim", "rled_teleop", "rled_agent")
 ROS = re.compile(r"rclpy|rosbag2_py|ament_index_python|.*_(msgs|interfaces|srvs)")
-ROSDEP_KEYS = {"matplotlib", "numpy", "tqdm", "yaml"}
+ROSDEP_KEYS = {"evdev", "matplotlib", "numpy", "tqdm", "yaml"}
+OPTIONAL = {"evdev": "evdev-binary"}
+"""Imported where it is used, with an error in one line when it is missing; an extra of its package names it."""
 
 
 def imports_of(package: str) -> set[str]:
@@ -33,8 +35,9 @@ def distributions_of(modules: set[str]) -> set[str]:
     return {re.sub(r"[-_.]+", "-", name).lower() for module in modules for name in provided[module][:1]}
 
 
-def required_by(package: str) -> set[str]:
-    return {re.sub(r"[-_.]+", "-", re.split(r"[\s<>=!~;\[]", each)[0]).lower() for each in requires(package) or []}
+def required_by(package: str, *, extra: bool = False) -> set[str]:
+    lines = [each for each in requires(package) or [] if ("extra ==" in each) == extra]
+    return {re.sub(r"[-_.]+", "-", re.split(r"[\s<>=!~;\[]", each)[0]).lower() for each in lines}
 
 
 def manifest_of(package: str) -> ElementTree.Element:
@@ -48,7 +51,8 @@ def is_ros(module: str) -> bool:
 @pytest.mark.parametrize("package", PACKAGES)
 def test_pip_requirements_are_exactly_what_is_imported_less_ros(package: str) -> None:
     imported = {each for each in imports_of(package) if not is_ros(each)}
-    assert required_by(package) == distributions_of(imported)
+    assert required_by(package) == distributions_of(imported - OPTIONAL.keys())
+    assert required_by(package, extra=True) == {OPTIONAL[each] for each in imported & OPTIONAL.keys()}
 
 
 @pytest.mark.parametrize("package", PACKAGES)
