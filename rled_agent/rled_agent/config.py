@@ -9,6 +9,7 @@ from typing import Any, Literal
 from rled_msgs_py.errors import RledError
 
 from rled_agent.learner import LearnerConfig
+from rled_agent.networks import Architecture
 from rled_agent.uncertainty import Measure
 
 
@@ -98,6 +99,30 @@ class TrainConfig:
     def to_dict(self) -> dict[str, Any]:
         """Plain values, for JSON."""
         return dataclasses.asdict(self)
+
+    @staticmethod
+    def from_dict(values: dict[str, Any]) -> "TrainConfig":
+        """Read what ``to_dict`` gave, also after a way through JSON.
+
+        Raises:
+            ConfigError: fields of another version.
+        """
+        try:
+            networks = {name: _architecture(values["learner"][name]) for name in ("actor", "critic")}
+            return TrainConfig(
+                env=values["env"],
+                reward=values["reward"],
+                seed=values["seed"],
+                behaviour=BehaviourConfig(**values["behaviour"]),
+                schedule=ScheduleConfig(**values["schedule"]),
+                learner=LearnerConfig(**values["learner"] | networks),
+            )
+        except (KeyError, TypeError) as error:
+            raise ConfigError(f"settings of another version ({error})", "those of this version's train_agent") from None
+
+
+def _architecture(values: dict[str, Any]) -> Architecture:
+    return Architecture(**values | {"hidden": tuple(values["hidden"])})
 
 
 MANY = 10**12

@@ -8,7 +8,7 @@ import os
 import select
 import signal
 import sys
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Event
 
@@ -20,10 +20,12 @@ from rled_msgs_py.errors import command_line
 from rled_msgs_py.stopping import stop_requested
 
 from rled_agent.checkpoint import read_checkpoint, write_checkpoint
-from rled_agent.learner import Learner, LearnerConfig
+from rled_agent.config import TrainConfig
+from rled_agent.learner import Learner
 from rled_agent.learning_state import pack, unpack
 from rled_agent.policy import load_policy
 from rled_agent.replay import Replay
+from rled_agent.run_directory import RunDirectory
 from rled_agent.weight_slot import WeightSlot
 
 
@@ -38,54 +40,56 @@ class Options:
     checkpoint: Path
     """state to continue from, and to save to at the end and on SIGUSR1"""
     train_after: int = 500
-    """transitions before the first gradient step"""
+    """transitions before the first gradient step, when nothing was learned before"""
     updates_per_step: float = 1.0
     """gradient steps for each transition"""
-    batch_size: int = 100
-    """transitions in a gradient step"""
-    capacity: int = 200_000
-    """transitions kept for replay"""
     handover_every: int = 20
     """gradient steps between two hand-overs of weights"""
     seed: int = 0
     """of everything drawn"""
-    learner: LearnerConfig = field(default_factory=LearnerConfig)
-    """settings of the update; the actor's network is that of the policy"""
 
 
 class Student:
     """Learner and replay of the learning process.
+
+    It goes on from its own checkpoint; without one, from the run that the policy lies in: its settings, critics and
+    replay. Demonstrations enter through the expert's actions among the transitions, not through its batches.
 
     Args:
         options: settings.
     """
 
     def __init__(self, options: Options) -> None:
-        policy = load_policy(options.policy)
+        policy, run = load_policy(options.policy), RunDirectory(options.policy.parent)
+        config = TrainConfig.from_dict(run.config()["config"]) if run.config_path.exists() else TrainConfig()
         sizes = policy.network.sizes[0], policy.network.sizes[-1]
-        settings = replace(options.learner, actor=policy.network.architecture)
-        self.options = options
+        settings = replace(config.learner, actor=policy.network.architecture)
+        self.options, self._batch_size = options, config.schedule.batch_size
         self.learner = Learner(*sizes, settings, torch.Generator().manual_seed(options.seed))
+        self.replay = Replay(*sizes, config.schedule.capacity)
         self.learner.actor.parameters.copy_(policy.network.parameters)
         self.learner.target_actor.parameters.copy_(policy.network.parameters)
-        self.replay = Replay(*sizes, options.capacity)
-        if options.checkpoint.exists():
-            unpack(read_checkpoint(options.checkpoint), self.learner, self.replay)
+        before = next((path for path in (options.checkpoint, run.checkpoint_path) if path.exists()), None)
+        if before is not None:
+            unpack(read_checkpoint(before), self.learner, self.replay)
+        self._waiting = 0 if before is not None else options.train_after
+        self._received = self._made = 0
 
     def add(self, rows: NDArray[np.float32]) -> None:
         """Store transitions, rows as in ``Replay``."""
         for row in rows:
             self.replay.rows[self.replay.added % self.replay.capacity] = row
             self.replay.added += 1
+        self._received += len(rows)
 
     def is_due(self) -> bool:
         """Whether a gradient step is owed."""
-        owed = (self.replay.added - self.options.train_after) * self.options.updates_per_step
-        return self.learner.updates < owed
+        return self._made < (self._received - self._waiting) * self.options.updates_per_step
 
     def update(self) -> None:
         """One gradient step."""
-        self.learner.update(self.replay.sample(self.options.batch_size, self.learner.generator))
+        self.learner.update(self.replay.sample(self._batch_size, self.learner.generator))
+        self._made += 1
 
     def save(self) -> None:
         """Write all state."""

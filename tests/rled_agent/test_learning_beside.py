@@ -12,12 +12,14 @@ import pytest
 import torch
 from rled_agent.apprentice import Apprentice
 from rled_agent.checkpoint import Checkpoint, CheckpointError, read_checkpoint
+from rled_agent.config import ScheduleConfig, TrainConfig
 from rled_agent.learner import Learner, LearnerConfig
 from rled_agent.learning_process import Options, Student
 from rled_agent.learning_state import pack, unpack
 from rled_agent.networks import Architecture
 from rled_agent.policy import load_policy
 from rled_agent.replay import Replay
+from rled_agent.run_directory import RunDirectory
 from rled_agent.weight_slot import WeightSlot
 from rled_msgs_py.errors import RledError
 
@@ -124,7 +126,7 @@ def test_state_that_lacks_a_tensor_is_refused():
 def test_the_student_begins_with_the_very_network_of_the_policy(make_policy, tmp_path, settings):
     make_policy(**settings).save(tmp_path / "policy")
     policy = load_policy(tmp_path / "policy")
-    student = Student(Options(tmp_path / "policy", "slot", tmp_path / "state", learner=CONFIG))
+    student = Student(Options(tmp_path / "policy", "slot", tmp_path / "state"))
     for network in (student.learner.actor, student.learner.target_actor):
         assert network.architecture == policy.network.architecture
         assert torch.equal(network.parameters, policy.network.parameters)
@@ -136,9 +138,9 @@ def transitions(count: int) -> np.ndarray:
 
 def test_gradient_steps_are_owed_for_transitions(make_policy, tmp_path):
     make_policy().save(tmp_path / "policy")
-    options = Options(
-        tmp_path / "policy", "slot", tmp_path / "state", train_after=10, updates_per_step=0.5, capacity=30
-    )
+    config = TrainConfig(schedule=ScheduleConfig(capacity=30))
+    RunDirectory(tmp_path).create({"config": config.to_dict()})
+    options = Options(tmp_path / "policy", "slot", tmp_path / "state", train_after=10, updates_per_step=0.5)
     student = Student(options)
     for rows, owed in ((transitions(10), 0), (transitions(7), 4), (transitions(1), 0), (transitions(20), 10)):
         student.add(rows)
@@ -147,6 +149,24 @@ def test_gradient_steps_are_owed_for_transitions(make_policy, tmp_path):
             student.update()
         assert student.learner.updates - begun == owed
     assert len(student.replay) == 30
+
+
+def test_the_student_goes_on_from_the_run_of_the_policy(make_policy, tmp_path):
+    policy, run = make_policy(), RunDirectory(tmp_path)
+    policy.save(run.policy_path)
+    settings = replace(CONFIG, gamma=0.5, actor=policy.network.architecture)
+    run.create({"config": TrainConfig(learner=settings, schedule=ScheduleConfig(capacity=50)).to_dict()})
+    learner, replay = Learner(4, 2, settings, torch.Generator().manual_seed(7)), Replay(4, 2, 50)
+    replay.rows[:40], replay.added, learner.updates = transitions(40), 40, 33
+    run.save(pack(learner, replay))
+
+    student = Student(Options(run.policy_path, "slot", tmp_path / "state"))
+    assert student.learner.config == settings
+    assert torch.equal(student.learner.critic.parameters, learner.critic.parameters)
+    assert (student.replay.added, student.learner.updates) == (40, 33)
+    assert not student.is_due()
+    student.add(transitions(1))
+    assert student.is_due()
 
 
 @pytest.fixture
