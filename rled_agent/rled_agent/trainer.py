@@ -156,6 +156,5 @@ class Trainer:
             *_, self._observation = self._transition(action)
         self.step = state["step"]
         self.generator.bit_generator.state = state["behaviour_generator"]
-        self.learner.generator.set_state(tensors["generator"])
         if isinstance(self.behaviour, BiasedExploration):
             self.behaviour.expert_episode = state["expert_episode"]

@@ -36,6 +36,13 @@ def test_the_validation_loss_falls(planar_bag, source):
     assert curve[-1].train < curve[0].train / 2
 
 
+def test_the_learning_rate_falls_to_zero_along_a_cosine(zeta, monkeypatch):
+    rates: list[float] = []
+    monkeypatch.setattr("rled_agent.expert.Adam.step", lambda adam, rate: rates.append(rate))
+    clone(zeta, config=ExpertConfig(SMALL, learning_rate=0.01, steps=4, batch_size=8))
+    assert rates == pytest.approx([0.01, 0.01 * (0.5 + 0.5**1.5), 0.005, 0.01 * (0.5 - 0.5**1.5)])
+
+
 def test_the_clone_acts_as_demonstrated(zeta):
     config = ExpertConfig(Architecture(hidden=(48, 48), activation="leaky_relu"), steps=1500, validate_every=1500)
     policy, curve = clone(zeta, config=config)

@@ -46,7 +46,9 @@ def test_rows_are_the_transitions_of_the_task(three_points, reward):
 
 def test_a_reached_target_is_followed_by_any_of_the_points(three_points):
     rows = rows_of(three_points, 3000)
-    following = rows[rows[:, 7] == 1][:, 10:12]
+    ended = rows[rows[:, 7] == 1]
+    following, changed = ended[:, 10:12], (ended[:, 10:12] != ended[:, 2:4]).any(axis=1)
+    assert changed.mean() == pytest.approx(2 / 3, abs=4 * (2 / 9 / len(ended)) ** 0.5)
     points, counts = np.unique(following.round(5), axis=0, return_counts=True)
     np.testing.assert_allclose(points, np.unique(three_points.points.positions[:, :2].round(5), axis=0), atol=1e-5)
     assert np.square(counts - counts.mean()).sum() / counts.mean() < 13.8  # chi-square, 2 degrees: once in 1000
