@@ -244,7 +244,7 @@ def recorded_trajectories(bag: Bag, chosen: Episodes | None = None) -> RecordedT
         stamps = np.intersect1d(stamps, other)
     left_out = [] if chosen is None else chosen.left_out
     if chosen is not None and chosen.spans is not None:
-        left_out = outside(chosen.spans)
+        left_out = sorted(outside(chosen.spans) + left_out)
     elif len(marks.stamps):
         stamps = stamps[stamps > marks.stamps[-1]]
     stamps = stamps[~_lie_in(stamps, left_out)]

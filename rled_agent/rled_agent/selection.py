@@ -4,8 +4,9 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from rled_msgs_py.bags import Bag, Review, review
-from rled_msgs_py.bags.episodes import FOREVER
+from rled_msgs_py.bags.episodes import FOREVER, Episode
 from rled_msgs_py.bags.faults import ASIDE, Fault
+from rled_msgs_py.bags.quality import qualities
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.topics import EPISODE_EVENTS, MARKED_EE_POSE, MARKED_JOINT_STATES
 
@@ -49,7 +50,7 @@ def select_episodes(bag: Bag, min_quality: float, say: Say) -> Episodes:
 
     Args:
         bag: a recording.
-        min_quality: least score of an episode, 0 to 1.
+        min_quality: least score of a way to a target, 0 to 1.
         say: takes each line.
 
     Raises:
@@ -57,22 +58,47 @@ def select_episodes(bag: Bag, min_quality: float, say: Say) -> Episodes:
     """
     found = review(bag)
     _require_sound(bag, found, found.faults)
-    reasons = dict[int, str]()
-    for episode, quality in zip(found.episodes, found.qualities, strict=True):
-        if not episode.kept:
-            reasons[episode.number] = "discarded by the operator"
-        elif quality.score < min_quality:
-            reasons[episode.number] = f"quality below {min_quality:g}"
-    for fault in found.faults:
-        for number in found.episodes_of(fault):
-            reasons.setdefault(number, f"{fault.kind} at {found.seconds(fault.first):.2f} s: {fault.what}")
+    reasons = _reasons(found)
+    poor = _poor_ways(bag, found, [each for each in found.episodes if each.number not in reasons], min_quality)
+    for number, ways in poor.items():
+        of = len(next(each for each in found.episodes if each.number == number).legs)
+        if len(ways) == of:
+            reasons[number] = f"quality below {min_quality:g}"
+        else:
+            say(f"left out: {len(ways)} of {of} ways to targets in episode {number}: quality below {min_quality:g}")
     for reason in dict.fromkeys(reasons.values()):
         say(f"left out: {_names([number for number, why in reasons.items() if why == reason])}: {reason}")
     if found.episodes and len(reasons) == len(found.episodes):
         raise SelectionError(f"no episode of {bag.path} is left", "one or more", f"see: demos info {bag.path}")
-    chosen = [(each.first, each.last) for each in found.episodes if each.number not in reasons]
+    chosen = [_motion(each, found) for each in found.episodes if each.number not in reasons and each.legs]
     left_out = [(each.first, each.last) for each in found.episodes if each.number in reasons]
-    return Episodes(chosen if bag.counts[EPISODE_EVENTS.name] else None, left_out)
+    left_out += [way for ways in poor.values() for way in ways]
+    return Episodes(chosen if bag.counts[EPISODE_EVENTS.name] else None, sorted(left_out))
+
+
+def _reasons(found: Review) -> dict[int, str]:
+    """Why episodes are left out, by number: discarded, or faulty."""
+    reasons = {each.number: "discarded by the operator" for each in found.episodes if not each.kept}
+    for fault in found.faults:
+        for number in found.episodes_of(fault):
+            reasons.setdefault(number, f"{fault.kind} at {found.seconds(fault.first):.2f} s: {fault.what}")
+    return reasons
+
+
+def _poor_ways(bag: Bag, found: Review, sound: list[Episode], least: float) -> dict[int, list[tuple[int, int]]]:
+    """First and last moment (ns) of the ways to targets whose score is less than ``least``, by episode."""
+    poor = dict[int, list[tuple[int, int]]]()
+    ways = [each._replace(legs=(leg,)) for each in sound for leg in each.legs] if least > 0.0 else []
+    for way, quality in zip(ways, qualities(bag.task, found.line, ways), strict=True):
+        if quality.score < least:
+            poor.setdefault(way.number, []).append(_motion(way, found))
+    return poor
+
+
+def _motion(episode: Episode, found: Review) -> tuple[int, int]:
+    """First and last moment (ns) of an episode's ways to targets."""
+    first, last = found.line.moments[[episode.legs[0].first, episode.legs[-1].last]].tolist()
+    return first, last
 
 
 def outside(spans: list[tuple[int, int]]) -> list[tuple[int, int]]:

@@ -63,7 +63,8 @@ def coverage(positions: Floats) -> float:
     if not wide.any():
         return 1.0
     cells = ((positions - lower)[:, wide] / extent[wide] * CELLS).astype(int).clip(0, CELLS - 1)
-    return len(np.unique(cells, axis=0)) / CELLS ** int(wide.sum())
+    visited: int = len(np.unique(cells, axis=0))
+    return visited / float(CELLS ** int(wide.sum()))
 
 
 def text_of(described: dict[str, Any]) -> str:

@@ -1,6 +1,5 @@
 """The command ``demos``: what it prints and writes, its exit codes, and that nothing makes it fall over."""
 
-import itertools
 import json
 import shutil
 import subprocess

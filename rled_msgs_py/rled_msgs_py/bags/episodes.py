@@ -2,7 +2,8 @@
 
 An event is JSON on ``episode_events``: ``event`` is ``start``, ``stop``, ``keep`` or ``discard``, with the number of
 its ``episode`` and a ``stamp`` (ns); other fields (``operator``, ``outcome``) say more. A bag without events has an
-episode for each target that was gone for after the last mark.
+episode for each target that was gone for. What comes before the last mark, of an episode or of a bag without events, is
+no way to a target.
 """
 
 import json
@@ -12,7 +13,7 @@ import numpy as np
 
 from rled_msgs_py.bags.bag import Bag
 from rled_msgs_py.bags.error import BagError
-from rled_msgs_py.bags.series import series
+from rled_msgs_py.bags.series import Times, series
 from rled_msgs_py.bags.timeline import Timeline
 from rled_msgs_py.records import Text
 from rled_msgs_py.topics import EPISODE_EVENTS, MARKED_JOINT_STATES
@@ -66,13 +67,13 @@ def episodes(bag: Bag, line: Timeline) -> list[Episode]:
         BagError: the file is damaged, or an event cannot be read.
     """
     ways, spans = legs(line, cuts(bag)), _spans(events(bag))
+    marks = series(bag, MARKED_JOINT_STATES).moments
     if not spans:
-        marks = series(bag, MARKED_JOINT_STATES).stamps
-        begin = int(np.searchsorted(line.moments, marks[-1], side="right")) if len(marks) else 0
+        begin = _row_after(marks, line)
         after = [leg._replace(first=max(leg.first, begin)) for leg in ways if leg.last > begin]
         return [_of_leg(number, leg, line) for number, leg in enumerate(after)]
     end = int(line.moments[-1]) if len(line.moments) else 0
-    return [span._replace(last=min(span.last, end), legs=tuple(_within(span, ways, line))) for span in spans]
+    return [span._replace(last=min(span.last, end), legs=tuple(_within(span, ways, line, marks))) for span in spans]
 
 
 def legs(line: Timeline, taken_out: list[tuple[int, int]]) -> list[Leg]:
@@ -156,9 +157,15 @@ def _of_leg(number: int, leg: Leg, line: Timeline) -> Episode:
     return Episode(number, int(line.moments[leg.first]), int(line.moments[leg.last]), (leg,), outcome=outcome)
 
 
-def _within(span: Episode, ways: list[Leg], line: Timeline) -> list[Leg]:
-    """The parts of legs that lie in a span."""
+def _row_after(marks: Times, line: Timeline) -> int:
+    """The first row after the last of some marks; before it the operator did not go for targets."""
+    return int(np.searchsorted(line.moments, marks[-1], side="right")) if len(marks) else 0
+
+
+def _within(span: Episode, ways: list[Leg], line: Timeline, marks: Times) -> list[Leg]:
+    """The parts of legs that lie in a span, after its last mark."""
     first, stop = np.searchsorted(line.moments, [span.first, min(span.last, FOREVER - 1) + 1]).tolist()
+    first = max(first, _row_after(marks[(marks >= span.first) & (marks <= span.last)], line))
     clipped = []
     for leg in ways:
         begin, end = max(leg.first, first), min(leg.last, stop - 1)

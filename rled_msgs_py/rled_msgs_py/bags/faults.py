@@ -106,6 +106,8 @@ def _missing(found: Mapping[str, Series], period: int) -> Iterator[Fault]:
     if not states:
         return
     ticks = np.unique(np.concatenate([each.moments for each in states]))
+    whole = ticks[np.all([np.isin(ticks, each.moments) for each in states], axis=0)]
+    ticks = ticks[ticks >= whole[0]] if len(whole) else ticks  # the recorder came upon the topics one by one
     for each in states:
         yield from _silences(each, ticks, ~np.isin(ticks, each.moments), period)
     delta, status = found[JOINT_DELTA.name], found[TASK_STATUS.name]
@@ -119,8 +121,9 @@ def _missing(found: Mapping[str, Series], period: int) -> Iterator[Fault]:
 
 def _silences(each: Series, ticks: NDArray[np.int64], missing: NDArray[np.bool_], period: int) -> Iterator[Fault]:
     missing = missing.copy()
-    missing[ticks < each.moments[0]] = False  # the recorder came upon it in the middle of a tick
-    missing[-1] = False  # and left so
+    if each.topic == JOINT_DELTA:
+        missing[ticks < each.moments[0]] = False  # nobody drove yet
+    missing[-1:] = False  # the recorder left in the middle of a tick
     edges = np.flatnonzero(np.diff(np.concatenate([[False], missing, [False]])))
     for first, stop in edges.reshape(-1, 2).tolist():
         count, name = stop - first, each.topic.name
