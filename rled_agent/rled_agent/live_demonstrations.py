@@ -7,6 +7,7 @@ from threading import Event
 from typing import NamedTuple
 
 import rclpy
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rled_msgs_py.bags import BagWriter
@@ -15,9 +16,8 @@ from rled_msgs_py.convert import MESSAGE_CLASSES, qos_profile
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.node import spin
 from rled_msgs_py.stopping import stop_requested
+from rled_msgs_py.tick import STATE_TOPICS
 from rled_msgs_py.topics import JOINT_STATES, RECORDED, Qos, Topic
-
-from rled_agent import __version__
 
 HISTORY = 10_000
 """Messages of a topic that wait while this process is held up."""
@@ -56,7 +56,7 @@ class LiveDemonstrations(Node):
             if self._heard and silent and not self.count_publishers(JOINT_STATES.name):
                 stop.set()
 
-        self.create_timer(LOOK, look, clock=rclpy.clock.Clock(clock_type=rclpy.clock.ClockType.STEADY_TIME))
+        self.create_timer(LOOK, look, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def write(self, path: Path) -> int:
         """Write what was heard as a bag; returns how many messages.
@@ -66,9 +66,12 @@ class LiveDemonstrations(Node):
         """
         if not self._heard:
             raise RledError("no demonstration was received", "", "is one played in this ROS_DOMAIN_ID?")
-        with BagWriter(path, metadata={"rled_agent": __version__, "source": "topics"}, overwrite=True) as bag:
+        with BagWriter(path, metadata={"source": "topics"}, overwrite=True) as bag:
             for each in sorted(self._heard):
                 bag.write_cdr(RECORDED[each.rank], each.data, each.stamp)
+            parts = [bag.counts[topic.name] for topic in STATE_TOPICS]
+        if missing := max(parts) * len(parts) - sum(parts):
+            self.get_logger().warning(f"{missing} messages were not received; their ticks are left out")
         return len(self._heard)
 
     def _on_message(self, rank: int, topic: Topic, data: bytes) -> None:

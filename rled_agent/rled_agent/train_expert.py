@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 import numpy as np
 import torch
 import tyro
-from rled_msgs_py.errors import command_line
+from rled_msgs_py.errors import RledError, command_line
 from rled_msgs_py.files import write_whole
 
 from rled_agent.config import SEEDS, require_ranges
@@ -27,8 +27,10 @@ class Options:
     Writes expert.safetensors, curve.csv, learning_curve.png and summary.json into the output folder.
     """
 
-    bag: Path
+    bag: Path | None = None
     """rosbag2 folder or .mcap file"""
+    live: bool = False
+    """learn from a demonstration on the topics instead, played back or made now; it is kept in OUTPUT/demonstrations"""
     output: Path = Path("out/expert")
     """folder for the results"""
     source: Literal["points", "trajectories"] = "points"
@@ -47,7 +49,8 @@ def main() -> None:
     options = tyro.cli(Options, prog="train_expert")
     require_ranges(options, {"seed": SEEDS, "min_quality": (0.0, 1.0)})
     torch.set_num_threads(1)
-    demonstrations = open_demonstrations(options.bag, options.source, options.min_quality, print)
+    bag = _bag(options)
+    demonstrations = open_demonstrations(bag, options.source, options.min_quality, print)
     print(f"{len(demonstrations):,} demonstrated transitions of robot {demonstrations.task.robot}")
     generator = np.random.default_rng(options.seed)
     with Progress("step", options.expert.steps) as progress:
@@ -59,7 +62,7 @@ def main() -> None:
     policy.save(options.output / "expert.safetensors")
     _write_curve(options.output, curve)
     summary = {
-        "bag": str(options.bag),
+        "bag": str(bag),
         "source": options.source,
         "min_quality": options.min_quality,
         "transitions": len(demonstrations),
@@ -69,6 +72,23 @@ def main() -> None:
     }
     write_whole(options.output / "summary.json", json.dumps(summary, indent=2) + "\n")
     print(f"validation error {curve[-1].validation:.5f}; wrote {options.output / 'expert.safetensors'}")
+
+
+def _bag(options: Options) -> Path:
+    """The bag to learn from; a live demonstration becomes one.
+
+    Raises:
+        RledError: neither or both are asked for, or nothing was demonstrated.
+    """
+    if options.live == (options.bag is not None):
+        raise RledError("no demonstration is named" if options.bag is None else "both --bag and --live", "one of them")
+    if options.bag is not None:
+        return options.bag
+    from rled_agent.live_demonstrations import receive_demonstrations  # the one part that needs ROS
+
+    bag = options.output / "demonstrations"
+    print(f"{receive_demonstrations(bag):,} messages received; kept in {bag}")
+    return bag
 
 
 def _write_curve(folder: Path, curve: list[CurvePoint]) -> None:
