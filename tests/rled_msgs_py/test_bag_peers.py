@@ -257,7 +257,7 @@ def test_a_cut_or_foreign_sqlite3_file_is_refused(tmp_path):
     for rest in (b"", data[:10], data[:5000], b"hello, this is some text"):
         file.write_bytes(rest)
         for each in (path, file):
-            with pytest.raises(BagError, match="is empty|is no sqlite3 file|is damaged"):
+            with pytest.raises(BagError, match=r"is empty|is no sqlite3 file|is damaged"):
                 Bag(each)
 
 
