@@ -23,6 +23,7 @@ from rled_msgs_py.topics import (
     DIAGNOSTICS,
     EE_POSE,
     EPISODE_EVENTS,
+    HUMAN_JOINT_DELTA,
     JOINT_DELTA,
     JOINT_STATES,
     MARKED_EE_POSE,
@@ -49,6 +50,8 @@ HISTORY = 1000
 RECENT = 8
 """Messages of a topic kept for marking a pose: state topics may be some ticks apart."""
 DESCRIPTIONS = (ROBOT_DESCRIPTION, TASK_DESCRIPTION)
+TICKING = (*STATE_TOPICS, JOINT_DELTA, HUMAN_JOINT_DELTA)
+"""Topics whose messages belong to a tick."""
 LAST_WORDS = Duration(seconds=1)
 """How long the last report is given to reach its subscribers."""
 
@@ -67,6 +70,7 @@ class Recorder(Node):
         self._recent: defaultdict[Topic, deque[bytes]] = defaultdict(lambda: deque(maxlen=RECENT))
         self._episodes = Episodes(About(self.params.operator_name or self.params.operator, __version__))
         self._described, self._is_awaited = False, not self.params.paused
+        self._after = self._until = -1  # stamps of the newest tick when the episode began and when the last one ended
         self._written, self._flushed = 0, time.monotonic()
         self._marks = (advertise(self, MARKED_JOINT_STATES), advertise(self, MARKED_EE_POSE))
         self._events, self._reports = advertise(self, EPISODE_EVENTS), advertise(self, DIAGNOSTICS)
@@ -83,16 +87,19 @@ class Recorder(Node):
         """
         self._bag = bag
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(WRITE_PERIOD, self._flush, clock=steady)
+        self.create_timer(WRITE_PERIOD / 5.0, self._on_timer, clock=steady)
         self.create_timer(REPORT_PERIOD, self._report, clock=steady)
         for topic in DESCRIPTIONS:
             self._listen(topic)
 
     def finish(self) -> None:
-        """End the episode and write what is still held."""
+        """End the episode and write what is still held, but for the parts of a tick that is not complete."""
+        newest = [self._newest_stamp(topic) for topic in STATE_TOPICS]
+        complete = min(newest) if min(newest) >= 0 else max(newest)
         if self._episodes.running:
-            self._tell(self._episodes.stop(self._now()))
-        self._write(self._ordering.rest())
+            self._tell(self._episodes.stop(complete))
+        rest = self._ordering.rest()
+        self._write([each for each in rest if each.topic not in TICKING or each.stamp <= complete])
 
     def is_complete(self) -> bool:
         """Whether the state that the newest delta led to is there, on all its topics."""
@@ -109,19 +116,27 @@ class Recorder(Node):
         self.create_subscription(MESSAGE_CLASSES[topic.type], topic.name, received, qos, raw=True)
 
     def _received(self, topic: Topic, rank: int, data: bytes) -> None:
+        stamp = stamp_of(topic.type, data) or 0
+        if topic in TICKING and stamp < self._newest_stamp(topic):  # the simulation was restarted
+            self._after = self._until = -1
         self._recent[topic].append(data)
         if topic == TASK_STATUS:
             self._episodes.observe(targets_reached(data))
-        if self._episodes.running or topic in DESCRIPTIONS:
+        if topic in DESCRIPTIONS or self._belongs(topic, stamp):
             self._ordering.add(topic, rank, data)
         elif self._is_awaited:
             self._is_awaited = False
             self._ordering.add(topic, rank, data)
-            self._tell(self._episodes.start(stamp_of(topic.type, data) or 0))
+            self._tell(self._episodes.start(stamp))
         if topic in DESCRIPTIONS:
             self._listen_to_the_rest()
-        if time.monotonic() - self._flushed >= WRITE_PERIOD:  # a burst of messages keeps the timer waiting
-            self._flush()
+        self._flush_when_due()  # a burst of messages keeps the timer waiting
+
+    def _belongs(self, topic: Topic, stamp: int) -> bool:
+        """Whether a message is of an episode: episodes begin and end between two ticks."""
+        if topic not in TICKING:
+            return self._episodes.running
+        return stamp <= self._until or (self._episodes.running and stamp > self._after)
 
     def _listen_to_the_rest(self) -> None:
         if self._described or not all(self._recent[topic] for topic in DESCRIPTIONS):
@@ -140,9 +155,13 @@ class Recorder(Node):
         except ContractError as error:
             self.get_logger().error(f"{TASK_DESCRIPTION.name}: {error}")
 
-    def _flush(self) -> None:
-        self._flushed = time.monotonic()
-        self._write(self._ordering.due())
+    def _flush_when_due(self) -> None:
+        if (now := time.monotonic()) - self._flushed >= WRITE_PERIOD:
+            self._flushed = now
+            self._write(self._ordering.due())
+
+    def _on_timer(self) -> None:
+        self._flush_when_due()
         if not self._described:
             self.get_logger().info("waiting for a simulation", throttle_duration_sec=5.0, skip_first=True)
 
@@ -195,8 +214,13 @@ class Recorder(Node):
         try:
             if self._now() < 0:
                 raise Refusal("no state received yet")
+            was_running = self._episodes.running
             for event in ask():
                 self._tell(event)
+            if self._episodes.running:
+                self._after = self._now()
+            elif was_running:
+                self._until = self._now()
         except Refusal as error:
             response.success, response.message = False, str(error)
             return response

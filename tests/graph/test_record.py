@@ -327,6 +327,7 @@ def test_a_person_marks_poses_and_records_episodes_in_real_time(tmp_path: Path, 
     assert kept.message == "episode 1 kept"
     bag = Bag(path)
     assert "3 points" in out
+    assert "LOST" not in out
     np.testing.assert_array_equal(bag.joints(MARKED_JOINT_STATES).stamps, bag.poses(MARKED_EE_POSE).stamps)
     assert bag.counts[DIAGNOSTICS.name] > 0
     assert bag.counts[JOINT_DELTA.name] == 0

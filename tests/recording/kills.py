@@ -112,8 +112,7 @@ def kill_one(bag: Path, after: float, published: np.ndarray) -> Loss | None:
     deadline = time.monotonic() + PATIENCE
     while not received[-1].any():
         if time.monotonic() > deadline:
-            os.kill(child, signal.SIGKILL)
-            os.waitpid(child, 0)
+            end(child)
             return None
         time.sleep(0.005)
     time.sleep(after)
@@ -136,15 +135,23 @@ def measure(kills: int, seed: int) -> dict[str, Any]:
             with tempfile.TemporaryDirectory() as folder:
                 loss = kill_one(Path(folder) / "bag", generator.uniform(0.05, 1.0), published)
             if loss is None:
-                print("a recorder did not join the graph in time; not counted", flush=True)
+                print("a recorder did not join the graph in time; not counted, a new publisher is started", flush=True)
+                end(load)
+                published = shared(MOST)
+                load = start_publishing(published)
                 continue
             losses.append(loss)
             took = time.monotonic() - began
             print(f"kill {len(losses)} ({took:.1f} s): {loss}")
     finally:
-        os.kill(load, signal.SIGKILL)
-        os.waitpid(load, 0)
+        end(load)
     return summary(losses)
+
+
+def end(process: int) -> None:
+    """Kill a child process."""
+    os.kill(process, signal.SIGKILL)
+    os.waitpid(process, 0)
 
 
 def summary(losses: list[Loss]) -> dict[str, Any]:
