@@ -12,6 +12,10 @@ from rled_agent.agent_node import AgentParams
 from rled_msgs_py.params import build, parameters_of
 from rled_sim.sim_node import SimParams
 from rled_teleop.record_params import RecordParams
+from rled_teleop.replay_demos import ReplayParams
+from rled_teleop.teleop_gamepad import GamepadParams
+from rled_teleop.teleop_keyboard import KeyboardParams
+from rled_teleop.teleop_kinesthetic import KinestheticParams
 from rled_teleop.teleop_scripted import ScriptedParams
 
 BRINGUP = Path(__file__).parents[2] / "ros_ws" / "src" / "rled_bringup"
@@ -20,6 +24,10 @@ CONFIGS = sorted(BRINGUP.glob("config/*.yaml"))
 PARAMS = {
     "sim_node": SimParams,
     "teleop_scripted": ScriptedParams,
+    "teleop_keyboard": KeyboardParams,
+    "teleop_gamepad": GamepadParams,
+    "teleop_kinesthetic": KinestheticParams,
+    "replay_demos": ReplayParams,
     "record_demos": RecordParams,
     "agent_node": AgentParams,
 }

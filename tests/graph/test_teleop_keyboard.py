@@ -1,6 +1,7 @@
 """The keyboard operator in a pseudo-terminal of its own, driving a simulation and a recorder in other processes."""
 
 import fcntl
+import json
 import os
 import pty
 import re
@@ -12,10 +13,14 @@ import termios
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
+from pathlib import Path
 
 import numpy as np
 import pytest
+from rled_msgs_py.bags import Bag
 from rled_msgs_py.processes import program
+from rled_msgs_py.topics import EPISODE_EVENTS, JOINT_DELTA, JOINT_STATES, MARKED_JOINT_STATES
+from rled_teleop.keyboard_screen import HELP
 
 PATIENCE = 40.0
 ROWS, COLUMNS = 24, 100
@@ -158,3 +163,60 @@ def test_no_terminal_is_one_line() -> None:
     assert done.returncode == 2
     assert done.stderr.startswith("error: standard input is no terminal")
     assert len(done.stderr.splitlines()) == 1
+
+
+def walk_through(bag: Path) -> list[str]:
+    """Two episodes by keyboard beside a paused recorder, the second one discarded; returns what the screen showed."""
+    recorder = running("rled_teleop", "record_demos", "--output", str(bag), "--paused", "--operator-name", "ada")
+    with simulation("real_time"), recorder as recording, closing(Terminal()) as terminal:
+        screens = [terminal.await_that(is_there, "the robot")]
+
+        def ask(key: str, answer: str) -> None:
+            """Press again and again: the recorder may be found late."""
+            terminal.await_that(lambda text: answer in text or "is being recorded" in text, answer, pressing=key)
+            screens.append(terminal.look())
+
+        ask("b", "recording episode 0")
+        x = joints(screens[-1])[0]
+        terminal.await_that(lambda text: joints(text)[0] > x + 0.1, "the shoulder to turn", pressing=".")
+        screens.append(terminal.look())
+        terminal.await_that(lambda text: "moving x -" in text, "motion", pressing="s")
+        screens.append(terminal.look())
+        terminal.press("m")
+        terminal.await_that(lambda text: "recorder: marked" in text, "a mark")
+        screens.append(terminal.look())
+        for key, answer in (("n", "episode 0 ended"), ("k", "episode 0 kept"), ("b", "recording episode 1")):
+            terminal.press(key)
+            terminal.await_that(lambda text, answer=answer: answer in text, answer)
+        terminal.press("x")
+        screens.append(terminal.await_that(lambda text: "episode 1 discarded" in text, "the end of it"))
+        terminal.press("Q")
+        assert terminal.end() == 0
+        recording.send_signal(signal.SIGINT)
+        assert recording.wait(timeout=PATIENCE) == 0
+    return screens
+
+
+def test_episodes_are_recorded_marked_kept_and_discarded_by_keys(tmp_path: Path) -> None:
+    screens = walk_through(tmp_path / "bag")
+    assert "turning shoulder +" in screens[2]
+    bag = Bag(tmp_path / "bag")
+    events = [json.loads(record.data) for record in bag.records(EPISODE_EVENTS)]  # type: ignore[union-attr]
+    assert [(each["event"], each["episode"], each["operator"]) for each in events] == [
+        ("start", 0, "ada"),
+        ("stop", 0, "ada"),
+        ("keep", 0, "ada"),
+        ("start", 1, "ada"),
+        ("stop", 1, "ada"),
+        ("discard", 1, "ada"),
+    ]
+    assert len(bag.joints(MARKED_JOINT_STATES).stamps) == 1
+    deltas, states = bag.joints(JOINT_DELTA), bag.joints(JOINT_STATES)
+    assert np.isin(deltas.stamps, states.stamps).all()
+    assert np.abs(deltas.position).max() == pytest.approx(0.025)
+
+
+def test_the_documentation_shows_the_screen_as_it_is() -> None:
+    text = (Path(__file__).parents[2] / "docs" / "keyboard.md").read_text()
+    for line in HELP:
+        assert line in text
