@@ -1,6 +1,7 @@
 """Action uncertainty from Monte-Carlo dropout (Eq. 4.38, 4.39)."""
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Mapping, Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -10,7 +11,6 @@ from numpy.typing import NDArray
 from rled_agent.networks import Network
 
 Measure = Literal["qcd", "iqr"]
-Floats = NDArray[np.floating]
 
 
 class Estimate(NamedTuple):
@@ -25,37 +25,41 @@ class Estimate(NamedTuple):
     uncertainty: dict[Measure, float]
 
 
-def quartiles(actions: Floats) -> tuple[Floats, Floats]:
-    """First and third quartile over the passes, with linear interpolation: (N, n) -> (n,), (n,)."""
+def quartiles(actions: NDArray[np.floating]) -> tuple[list[float], list[float]]:
+    """First and third quartile over the passes, with linear interpolation: (N, n) -> n each."""
     ordered = np.sort(actions, axis=0)
     low, high = (_interpolate(ordered, share * (len(ordered) - 1)) for share in (0.25, 0.75))
     return low, high
 
 
-def _interpolate(ordered: Floats, place: float) -> Floats:
+def _interpolate(ordered: NDArray[np.floating], place: float) -> list[float]:
     below = int(place)
     above = min(below + 1, len(ordered) - 1)
-    part: Floats = ordered[below] + (place - below) * (ordered[above] - ordered[below])
-    return part
+    pairs = zip(ordered[below].tolist(), ordered[above].tolist(), strict=True)  # a few numbers: quicker than arrays
+    return [a + (place - below) * (b - a) for a, b in pairs]
 
 
-def qcd(low: Floats, high: Floats) -> float:
+def qcd(low: Sequence[float], high: Sequence[float]) -> float:
     """Quartile coefficient of dispersion, u_t = (1/Ω) Σ |(q₃ − q₁)/(q₃ + q₁)| (Eq. 4.39).
 
     It has no bound: it explodes where the quartiles lie around zero, which is where the robot is nearly at rest.
     Two quartiles at zero are no dispersion.
     """
-    spread, total = np.abs(high - low), np.abs(high + low)
-    with np.errstate(divide="ignore"):
-        return float(np.mean(np.divide(spread, total, out=np.zeros_like(spread), where=spread > 0)))
+    return sum(map(_dispersion, low, high)) / len(low)
 
 
-def iqr(low: Floats, high: Floats) -> float:
+def _dispersion(low: float, high: float) -> float:
+    if low == high:
+        return 0.0
+    return abs(high - low) / abs(high + low) if high + low else math.inf
+
+
+def iqr(low: Sequence[float], high: Sequence[float]) -> float:
     """Interquartile range over the action range of 2, averaged over the action's components: between 0 and 1."""
-    return float(np.mean(high - low)) / 2.0
+    return (sum(high) - sum(low)) / len(low) / 2.0
 
 
-MEASURES: Mapping[Measure, Callable[[Floats, Floats], float]] = {"qcd": qcd, "iqr": iqr}
+MEASURES: Mapping[Measure, Callable[[Sequence[float], Sequence[float]], float]] = {"qcd": qcd, "iqr": iqr}
 
 
 class MonteCarlo:

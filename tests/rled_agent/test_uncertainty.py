@@ -9,8 +9,8 @@ from rled_agent.uncertainty import MonteCarlo, iqr, qcd, quartiles
 
 def test_quartiles_of_five_values_are_the_second_and_the_fourth():
     low, high = quartiles(np.array([[5.0, -1.0], [1.0, -2.0], [4.0, -3.0], [2.0, -4.0], [3.0, -5.0]]))
-    assert low.tolist() == [2.0, -4.0]
-    assert high.tolist() == [4.0, -2.0]
+    assert low == [2.0, -4.0]
+    assert high == [4.0, -2.0]
 
 
 def test_quartiles_between_values_are_interpolated():
