@@ -61,6 +61,7 @@ class TeleopKeyboard(Node):
                 self._press(key)
         except TerminalGone:
             self.context.try_shutdown()
+        if not self.context.ok():
             return
         self._driving.look()
         if time.monotonic() - self._drawn >= REDRAW:
