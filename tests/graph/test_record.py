@@ -304,7 +304,7 @@ def recording_of_a_running_simulation(bag: Path, domain: int, *arguments: str) -
 
 def test_a_person_marks_poses_and_records_episodes_in_real_time(tmp_path: Path, ros_domain: int) -> None:
     path = tmp_path / "bag"
-    options = ("--topics", "/diagnostics", "--operator-name", "ada")
+    options = ("--topics", "/diagnostics", "--operator-name", "me")
     with recording_of_a_running_simulation(path, ros_domain, *options) as (recording, person):
         marked = [person.call(Trigger, "record_demos/mark_pose", Trigger.Request()) for _ in range(3)]
         ended = person.call(SetBool, "record_demos/record", SetBool.Request(data=False))
@@ -342,7 +342,7 @@ def test_a_person_marks_poses_and_records_episodes_in_real_time(tmp_path: Path, 
         ("start", 2),
         ("stop", 2),
     ]
-    assert {(each["operator"], each["robot"], each["max_delta"]) for each in events} == {("ada", "planar", 0.1)}
+    assert {(each["operator"], each["robot"], each["max_delta"]) for each in events} == {("me", "planar", 0.1)}
     stamps = [each["stamp"] for each in events]
     assert stamps == sorted(stamps)
     assert_states_lie_within_episodes(bag, events)

@@ -167,7 +167,7 @@ def test_no_terminal_is_one_line() -> None:
 
 def walk_through(bag: Path) -> list[str]:
     """Two episodes by keyboard beside a paused recorder, the second one discarded; returns what the screen showed."""
-    recorder = running("rled_teleop", "record_demos", "--output", str(bag), "--paused", "--operator-name", "ada")
+    recorder = running("rled_teleop", "record_demos", "--output", str(bag), "--paused", "--operator-name", "me")
     with simulation("real_time"), recorder as recording, closing(Terminal()) as terminal:
         screens = [terminal.await_that(is_there, "the robot")]
 
@@ -203,12 +203,12 @@ def test_episodes_are_recorded_marked_kept_and_discarded_by_keys(tmp_path: Path)
     bag = Bag(tmp_path / "bag")
     events = [json.loads(record.data) for record in bag.records(EPISODE_EVENTS)]  # type: ignore[union-attr]
     assert [(each["event"], each["episode"], each["operator"]) for each in events] == [
-        ("start", 0, "ada"),
-        ("stop", 0, "ada"),
-        ("keep", 0, "ada"),
-        ("start", 1, "ada"),
-        ("stop", 1, "ada"),
-        ("discard", 1, "ada"),
+        ("start", 0, "me"),
+        ("stop", 0, "me"),
+        ("keep", 0, "me"),
+        ("start", 1, "me"),
+        ("stop", 1, "me"),
+        ("discard", 1, "me"),
     ]
     assert len(bag.joints(MARKED_JOINT_STATES).stamps) == 1
     deltas, states = bag.joints(JOINT_DELTA), bag.joints(JOINT_STATES)
