@@ -144,6 +144,6 @@ class MonteCarloGate:
     def act(self, observation: NDArray[np.float32]) -> Choice:
         """Act by Eq. 4.40."""
         mean, uncertainty = self.monte_carlo(observation)
-        if uncertainty[self.measure] >= self.threshold:
-            return Choice(self.expert(observation), Actor.EXPERT, uncertainty)
-        return Choice(self.noise.added_to(mean), Actor.AGENT, uncertainty)
+        if uncertainty[self.measure] < self.threshold:  # false for NaN too: what is not known to be sure is unsure
+            return Choice(self.noise.added_to(mean), Actor.AGENT, uncertainty)
+        return Choice(self.expert(observation), Actor.EXPERT, uncertainty)

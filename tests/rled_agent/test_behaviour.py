@@ -1,3 +1,5 @@
+import math
+
 import numpy as np
 import pytest
 import torch
@@ -89,6 +91,10 @@ def test_the_gate_lets_the_expert_act_from_the_threshold_on():
     assert gate(0.5, qcd=0.5).act(STATE).actor is Actor.EXPERT
     assert gate(0.5, qcd=np.inf).act(STATE).actor is Actor.EXPERT
     assert gate(0.0, qcd=0.0).act(STATE).actor is Actor.EXPERT
+
+
+def test_the_gate_takes_an_uncertainty_that_is_no_number_for_unsure():
+    assert gate(0.5, qcd=math.nan).act(STATE).actor is Actor.EXPERT
 
 
 def test_the_gate_gives_the_mean_or_the_experts_action():
