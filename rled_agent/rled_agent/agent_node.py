@@ -65,7 +65,7 @@ class AgentNode(Node):
         self._apprentice: Apprentice | None = None
         self._before: tuple[Tick, NDArray[np.float64], Answer] | None = None
         self._unanswered: Tick | None = None
-        self._answers, self._slowest = 0, 0.0
+        self._answers, self._repeated, self._slowest = 0, 0, 0.0
         self._delta, self._gate = advertise(self, JOINT_DELTA), advertise(self, SAFETY_GATE)
         self._diagnostics = advertise(self, DIAGNOSTICS)
         subscribe(self, TASK_DESCRIPTION, self._on_task)
@@ -74,6 +74,7 @@ class AgentNode(Node):
         self.create_service(SetBool, "~/learn", self._on_learn)
         self.create_service(Trigger, "~/save", self._on_save)
         self.create_timer(1.0, self._report)
+        self.create_timer(0.5, self._repeat)
 
     def _on_change(self, params: AgentParams) -> None:
         if isinstance(self._controller, GatedController):
@@ -94,11 +95,24 @@ class AgentNode(Node):
         if over or not self._enabled:
             return
         answer = self._controller.answer(tick, observation)
-        self._delta.publish(to_msg(DeltaCommand(tick.stamp, self._controller.policy.task.joint_names, answer.delta)))
+        self._command(tick, answer)
         self._gate.publish(to_msg(answer.decision))
         self._before = (tick, observation, answer)
         self._answers += 1
         self._slowest = max(self._slowest, time.perf_counter() - started)
+
+    def _command(self, tick: Tick, answer: Answer) -> None:
+        self._delta.publish(to_msg(DeltaCommand(tick.stamp, self._controller.policy.task.joint_names, answer.delta)))
+
+    def _repeat(self) -> None:
+        """Give the last answer again when no tick came since the last look.
+
+        The first command is lost when DDS has not matched both ends yet, and in lockstep the simulation would wait for
+        ever. One that arrived before is refused as stale.
+        """
+        if self._before is not None and self._answers == self._repeated:
+            self._command(self._before[0], self._before[2])
+        self._repeated = self._answers
 
     def _learn_from(self, tick: Tick, observation: NDArray[np.float64]) -> None:
         """Offer the transition that this tick ends, and take newer weights."""

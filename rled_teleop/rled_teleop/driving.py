@@ -24,6 +24,9 @@ Vector = NDArray[np.float64]
 Steer = Callable[[Jog, Vector], Vector | None]
 """Makes Δq (rad) of joint angles (rad), both of shape (n,); None when the person has let go."""
 
+REPEAT = 0.5
+"""Seconds without a new tick after which an answer is given again: the first one is lost when DDS has not matched both
+ends yet, and in lockstep the simulation would wait for ever."""
 LOOK = 0.005
 """Seconds between two looks at keys, devices and ticks that wait."""
 SLACK = 0.5
@@ -67,7 +70,7 @@ class Driving:
         self.jog: Jog | None = None
         self.tick: Tick | None = None
         self.delta: Vector | None = None
-        self._is_answered, self._due = True, -np.inf
+        self._is_answered, self._answered, self._due = True, -np.inf, -np.inf
         self._output = advertise(node, HUMAN_JOINT_DELTA if beside_agent else JOINT_DELTA)
         subscribe(node, TASK_DESCRIPTION, self._on_task)
         subscribe(node, ROBOT_DESCRIPTION, self._on_robot)
@@ -75,9 +78,10 @@ class Driving:
 
     def look(self) -> None:
         """Answer the newest tick if it is time; call it every ``LOOK``."""
-        if self.jog is None or self.tick is None or self._is_answered:
+        now = time.monotonic()
+        if self.jog is None or self.tick is None or (self._is_answered and now - self._answered < REPEAT):
             return
-        now, period = time.monotonic(), self.jog.task.period * 1e-9
+        period = self.jog.task.period * 1e-9
         if now >= self._due:
             self._due = max(self._due, now - SLACK * period) + period
             self._answer(self.jog, self.tick)
@@ -87,7 +91,7 @@ class Driving:
         self._node.create_timer(LOOK, look, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _answer(self, jog: Jog, tick: Tick) -> None:
-        self._is_answered = True
+        self._is_answered, self._answered = True, time.monotonic()
         if tick.status.terminated or tick.status.truncated:
             return
         names = jog.task.joint_names
