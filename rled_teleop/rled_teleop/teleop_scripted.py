@@ -1,5 +1,6 @@
 """Node: the scripted operator of the thesis, driving the robot over topics."""
 
+import time
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,6 +29,8 @@ from rled_teleop.imperfection import Hand, Imperfection
 from rled_teleop.progress import Progress
 from rled_teleop.scripted import ScriptedOperator, require_reachable, spread
 
+REPEAT = 1.0
+"""Seconds without a new tick after which an answer, lost while DDS matched, is given again."""
 DELIVERY = Duration(seconds=2)
 """How long the last messages are given to reach their subscribers."""
 
@@ -60,6 +63,8 @@ class TeleopScripted(Node):
         self._chain: Chain | None = None
         self._operator: ScriptedOperator | None = None
         self._urdf = ""
+        self._command: Any = None
+        self._answered = 0.0
         self._bars: tuple[Progress, ...] = ()
         self._delta = advertise(self, JOINT_DELTA)
         self._marked_joints = advertise(self, MARKED_JOINT_STATES)
@@ -86,6 +91,9 @@ class TeleopScripted(Node):
             self.get_logger().info(f"waiting for {missing}", throttle_duration_sec=5.0, skip_first=True)
 
     def _answer(self) -> None:
+        if self._tick is None and self._command is not None and time.monotonic() - self._answered > REPEAT:
+            self._answered = time.monotonic()
+            self._delta.publish(self._command)
         if self._tick is None or not self._ready():
             return
         assert self._operator is not None
@@ -95,7 +103,8 @@ class TeleopScripted(Node):
             self._marked_joints.publish(to_msg(tick.joints))
             self._marked_pose.publish(to_msg(tick.ee))
         if answer.delta is not None:
-            self._delta.publish(to_msg(answer.delta))
+            self._command, self._answered = to_msg(answer.delta), time.monotonic()
+            self._delta.publish(self._command)
         self._report(self._operator)
 
     def _ready(self) -> bool:
