@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from rclpy.node import Node
+from rled_msgs_py.command_output import CommandOutput
 from rled_msgs_py.convert import to_msg
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.node import advertise, declare, run_node, subscribe, subscribe_ticks
@@ -17,7 +18,7 @@ from rled_msgs_py.params import param
 from rled_msgs_py.records import DeltaCommand, Health, Level, Text
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import Tick
-from rled_msgs_py.topics import DIAGNOSTICS, JOINT_DELTA, SAFETY_GATE, TASK_DESCRIPTION
+from rled_msgs_py.topics import DIAGNOSTICS, SAFETY_GATE, TASK_DESCRIPTION
 from std_srvs.srv import SetBool, Trigger
 
 from rled_agent.apprentice import Apprentice
@@ -65,8 +66,8 @@ class AgentNode(Node):
         self._apprentice: Apprentice | None = None
         self._before: tuple[Tick, NDArray[np.float64], Answer] | None = None
         self._unanswered: Tick | None = None
-        self._answers, self._repeated, self._slowest = 0, 0, 0.0
-        self._delta, self._gate = advertise(self, JOINT_DELTA), advertise(self, SAFETY_GATE)
+        self._answers, self._slowest = 0, 0.0
+        self._delta, self._gate = CommandOutput(self), advertise(self, SAFETY_GATE)
         self._diagnostics = advertise(self, DIAGNOSTICS)
         subscribe(self, TASK_DESCRIPTION, self._on_task)
         subscribe_ticks(self, self._on_tick)
@@ -74,7 +75,6 @@ class AgentNode(Node):
         self.create_service(SetBool, "~/learn", self._on_learn)
         self.create_service(Trigger, "~/save", self._on_save)
         self.create_timer(1.0, self._report)
-        self.create_timer(0.5, self._repeat)
 
     def _on_change(self, params: AgentParams) -> None:
         if isinstance(self._controller, GatedController):
@@ -87,6 +87,7 @@ class AgentNode(Node):
 
     def _on_tick(self, tick: Tick) -> None:
         started = time.perf_counter()
+        self._delta.withdraw()
         observation = observe(self._controller.policy.task, tick)
         self._learn_from(tick, observation)
         over = tick.status.terminated or tick.status.truncated
@@ -95,24 +96,11 @@ class AgentNode(Node):
         if over or not self._enabled:
             return
         answer = self._controller.answer(tick, observation)
-        self._command(tick, answer)
+        self._delta.publish(DeltaCommand(tick.stamp, self._controller.policy.task.joint_names, answer.delta))
         self._gate.publish(to_msg(answer.decision))
         self._before = (tick, observation, answer)
         self._answers += 1
         self._slowest = max(self._slowest, time.perf_counter() - started)
-
-    def _command(self, tick: Tick, answer: Answer) -> None:
-        self._delta.publish(to_msg(DeltaCommand(tick.stamp, self._controller.policy.task.joint_names, answer.delta)))
-
-    def _repeat(self) -> None:
-        """Give the last answer again when no tick came since the last look.
-
-        The first command is lost when DDS has not matched both ends yet, and in lockstep the simulation would wait for
-        ever. One that arrived before is refused as stale.
-        """
-        if self._before is not None and self._answers == self._repeated:
-            self._command(self._before[0], self._before[2])
-        self._repeated = self._answers
 
     def _learn_from(self, tick: Tick, observation: NDArray[np.float64]) -> None:
         """Offer the transition that this tick ends, and take newer weights."""

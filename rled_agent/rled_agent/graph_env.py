@@ -15,13 +15,13 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rled_msgs_py.convert import to_msg
+from rled_msgs_py.command_output import CommandOutput
 from rled_msgs_py.errors import RledError
-from rled_msgs_py.node import advertise, fresh_context, subscribe, subscribe_ticks
+from rled_msgs_py.node import fresh_context, subscribe, subscribe_ticks
 from rled_msgs_py.records import DeltaCommand, Text
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import Tick
-from rled_msgs_py.topics import JOINT_DELTA, TASK_DESCRIPTION
+from rled_msgs_py.topics import TASK_DESCRIPTION
 from std_srvs.srv import Trigger
 
 Floats = NDArray[np.float32]
@@ -51,11 +51,11 @@ class GraphEnv(gymnasium.Env[Floats, Floats]):
         self._tasks: list[TaskDescription] = []
         subscribe(self._node, TASK_DESCRIPTION, self._on_task)
         subscribe_ticks(self._node, self._ticks.append)
-        self._delta = advertise(self._node, JOINT_DELTA)
+        self._delta = CommandOutput(self._node)
         self._reset = self._node.create_client(Trigger, f"{simulation}/reset")
         self._parameters = self._node.create_client(SetParameters, f"{simulation}/set_parameters")
         try:
-            self._wait(lambda: bool(self._tasks) and self._delta.get_subscription_count() > 0, "a simulation")
+            self._wait(lambda: bool(self._tasks) and self._delta.publisher.get_subscription_count() > 0, "a simulation")
         except RledError:
             self.close()
             raise
@@ -88,8 +88,7 @@ class GraphEnv(gymnasium.Env[Floats, Floats]):
         answered = self._tick.stamp
         most = self.task.max_delta
         delta = np.clip(np.asarray(action, dtype=np.float64), -most, most)  # as the environments in process do
-        command = DeltaCommand(answered, self.task.joint_names, delta)
-        self._delta.publish(to_msg(command))
+        self._delta.publish(DeltaCommand(answered, self.task.joint_names, delta))
         observation, info = self._seen(self._next(lambda tick: tick.stamp > answered))
         status = self._tick.status
         return observation, status.reward, status.terminated, status.truncated, info

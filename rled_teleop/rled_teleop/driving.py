@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rled_msgs_py.convert import to_msg
+from rled_msgs_py.command_output import CommandOutput
 from rled_msgs_py.errors import RledError
-from rled_msgs_py.node import advertise, subscribe, subscribe_ticks
+from rled_msgs_py.node import subscribe, subscribe_ticks
 from rled_msgs_py.params import param
 from rled_msgs_py.records import DeltaCommand, Text
 from rled_msgs_py.task import TaskDescription
@@ -24,9 +24,6 @@ Vector = NDArray[np.float64]
 Steer = Callable[[Jog, Vector], Vector | None]
 """Makes Δq (rad) of joint angles (rad), both of shape (n,); None when the person has let go."""
 
-REPEAT = 0.5
-"""Seconds without a new tick after which an answer is given again: the first one is lost when DDS has not matched both
-ends yet, and in lockstep the simulation would wait for ever."""
 LOOK = 0.005
 """Seconds between two looks at keys, devices and ticks that wait."""
 SLACK = 0.5
@@ -70,17 +67,17 @@ class Driving:
         self.jog: Jog | None = None
         self.tick: Tick | None = None
         self.delta: Vector | None = None
-        self._is_answered, self._answered, self._due = True, -np.inf, -np.inf
-        self._output = advertise(node, HUMAN_JOINT_DELTA if beside_agent else JOINT_DELTA)
+        self._is_answered, self._due = True, -np.inf
+        self._output = CommandOutput(node, HUMAN_JOINT_DELTA if beside_agent else JOINT_DELTA)
         subscribe(node, TASK_DESCRIPTION, self._on_task)
         subscribe(node, ROBOT_DESCRIPTION, self._on_robot)
         subscribe_ticks(node, self._on_tick)
 
     def look(self) -> None:
         """Answer the newest tick if it is time; call it every ``LOOK``."""
-        now = time.monotonic()
-        if self.jog is None or self.tick is None or (self._is_answered and now - self._answered < REPEAT):
+        if self.jog is None or self.tick is None or self._is_answered:
             return
+        now = time.monotonic()
         period = self.jog.task.period * 1e-9
         if now >= self._due:
             self._due = max(self._due, now - SLACK * period) + period
@@ -91,17 +88,18 @@ class Driving:
         self._node.create_timer(LOOK, look, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _answer(self, jog: Jog, tick: Tick) -> None:
-        self._is_answered, self._answered = True, time.monotonic()
+        self._is_answered = True
         if tick.status.terminated or tick.status.truncated:
             return
         names = jog.task.joint_names
         delta = self._steer(jog, tick.joints.ordered(names).position)
         self.delta = np.zeros(len(names)) if delta is None else delta
         if delta is not None or not self._beside_agent:
-            self._output.publish(to_msg(DeltaCommand(tick.stamp, names, self.delta)))
+            self._output.publish(DeltaCommand(tick.stamp, names, self.delta))
 
     def _on_tick(self, tick: Tick) -> None:
         self.tick, self._is_answered = tick, False
+        self._output.withdraw()
         self.look()
 
     def _on_task(self, text: Text) -> None:

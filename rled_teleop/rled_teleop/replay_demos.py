@@ -30,6 +30,8 @@ LOOK = 0.002
 """Seconds between two looks at what is due."""
 HISTORY = 1000
 """Messages of a topic kept for readers that are slower; the latched descriptions keep their one."""
+SETTLED = 0.5
+"""Seconds in which no subscriber was matched after which all that are there count as matched."""
 DELIVERY = Duration(seconds=30)
 """How long the last messages are given to reach their subscribers."""
 _fixed = partial(param, read_only=True)
@@ -62,6 +64,7 @@ class ReplayDemos(Node):
             raise RledError(f"no messages between {self.params.start:g} and {self.params.stop:g} s")
         self._outputs = [publisher(self, each) for each in recording.topics]
         self._player: Player | None = None
+        self._matched, self._since = [-1], time.monotonic()
         self._screen: Screen | None = None
         self._publish(recording.latched_before(self.params.start), range(sys.maxsize))
         self.create_service(SetBool, "~/pause", self._on_pause)
@@ -74,7 +77,7 @@ class ReplayDemos(Node):
     def _look(self) -> None:
         now = time.monotonic()
         if self._player is None:
-            if not self._is_awaited():
+            if not self._is_listened_to(now):
                 return
             self._player = Player(self._recording.times, self.params.rate, self.params.loop, now)
             self._player.paused = self.params.paused
@@ -83,12 +86,15 @@ class ReplayDemos(Node):
         if self._player.finished:
             self._end()
 
-    def _is_awaited(self) -> bool:
-        """Whether as many listen as were asked for."""
-        counts = [
-            each.get_subscription_count() for each in self._outputs if each.topic_name.endswith(f"/{JOINT_DELTA.name}")
-        ]
-        return max(counts, default=sys.maxsize) >= self.params.wait_for_subscribers
+    def _is_listened_to(self, now: float) -> bool:
+        """Whether as many listen as were asked for, and DDS has matched them on all their topics."""
+        matched = [each.get_subscription_count() for each in self._outputs]
+        if matched != self._matched:
+            self._matched, self._since = matched, now
+        name = self.resolve_topic_name(JOINT_DELTA.name)
+        counts = [count for each, count in zip(self._outputs, matched, strict=True) if each.topic_name == name]
+        enough = max(counts, default=sys.maxsize) >= self.params.wait_for_subscribers
+        return enough and now - self._since >= SETTLED
 
     def _publish(self, recording: Recording, places: range) -> None:
         for place in places[: len(recording.data)]:

@@ -1,6 +1,5 @@
 """Node: the scripted operator of the thesis, driving the robot over topics."""
 
-import time
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,6 +7,7 @@ import numpy as np
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
+from rled_msgs_py.command_output import CommandOutput
 from rled_msgs_py.convert import to_msg
 from rled_msgs_py.node import advertise, declare, run_node, subscribe, subscribe_ticks
 from rled_msgs_py.params import param
@@ -15,7 +15,6 @@ from rled_msgs_py.records import Text
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import Tick
 from rled_msgs_py.topics import (
-    JOINT_DELTA,
     MARKED_EE_POSE,
     MARKED_JOINT_STATES,
     ROBOT_DESCRIPTION,
@@ -29,8 +28,6 @@ from rled_teleop.imperfection import Hand, Imperfection
 from rled_teleop.progress import Progress
 from rled_teleop.scripted import ScriptedOperator, require_reachable, spread
 
-REPEAT = 1.0
-"""Seconds without a new tick after which an answer, lost while DDS matched, is given again."""
 DELIVERY = Duration(seconds=2)
 """How long the last messages are given to reach their subscribers."""
 
@@ -63,10 +60,8 @@ class TeleopScripted(Node):
         self._chain: Chain | None = None
         self._operator: ScriptedOperator | None = None
         self._urdf = ""
-        self._command: Any = None
-        self._answered = 0.0
         self._bars: tuple[Progress, ...] = ()
-        self._delta = advertise(self, JOINT_DELTA)
+        self._delta = CommandOutput(self)
         self._marked_joints = advertise(self, MARKED_JOINT_STATES)
         self._marked_pose = advertise(self, MARKED_EE_POSE)
         subscribe(self, TASK_DESCRIPTION, self._on_task)
@@ -82,6 +77,7 @@ class TeleopScripted(Node):
 
     def _on_tick(self, tick: Tick) -> None:
         self._tick = tick
+        self._delta.withdraw()
         self._answer()
 
     def _on_timer(self) -> None:
@@ -91,9 +87,6 @@ class TeleopScripted(Node):
             self.get_logger().info(f"waiting for {missing}", throttle_duration_sec=5.0, skip_first=True)
 
     def _answer(self) -> None:
-        if self._tick is None and self._command is not None and time.monotonic() - self._answered > REPEAT:
-            self._answered = time.monotonic()
-            self._delta.publish(self._command)
         if self._tick is None or not self._ready():
             return
         assert self._operator is not None
@@ -103,8 +96,7 @@ class TeleopScripted(Node):
             self._marked_joints.publish(to_msg(tick.joints))
             self._marked_pose.publish(to_msg(tick.ee))
         if answer.delta is not None:
-            self._command, self._answered = to_msg(answer.delta), time.monotonic()
-            self._delta.publish(self._command)
+            self._delta.publish(answer.delta)
         self._report(self._operator)
 
     def _ready(self) -> bool:
@@ -116,7 +108,7 @@ class TeleopScripted(Node):
         return self._operator is not None
 
     def _is_listened_to(self) -> bool:
-        return bool(self._delta.get_subscription_count() >= self._params.wait_for_subscribers)
+        return bool(self._delta.publisher.get_subscription_count() >= self._params.wait_for_subscribers)
 
     def _report(self, operator: ScriptedOperator) -> None:
         for bar, done in zip(self._bars, (operator.points_marked, operator.targets_reached), strict=True):
@@ -125,7 +117,7 @@ class TeleopScripted(Node):
             self._end()
 
     def _end(self) -> None:
-        for publisher in (self._marked_joints, self._marked_pose, self._delta):
+        for publisher in (self._marked_joints, self._marked_pose, self._delta.publisher):
             publisher.wait_for_all_acked(DELIVERY)
         for bar in self._bars:
             bar.close()

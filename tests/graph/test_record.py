@@ -403,11 +403,12 @@ def test_a_recording_beside_another_leaves_it_alone(tmp_path: Path) -> None:
 
 
 def test_a_full_disk_ends_the_recording_loudly_and_keeps_what_was_written(tmp_path: Path, ros_domain: int) -> None:
-    path, limit = tmp_path / "bag", 100_000
+    path = tmp_path / "bag"
     with closing(Person(ros_domain)) as person:
         reports = person.listen(DIAGNOSTICS)
         with closing(recorder(path, *SCRIPTED, "--trajectories", "100000")) as recording:
-            await_that(path.exists, "the folder")
+            person.await_that(lambda: any("record_demos" in each.name for each in reports), "its first report")
+            limit = sum(each.stat().st_size for each in path.iterdir()) + 100_000
             resource.prlimit(recording.process.pid, resource.RLIMIT_FSIZE, (limit, limit))
             person.await_that(lambda: any(each.level is Level.ERROR for each in reports), "a report")
             code, _, err = recording.end()

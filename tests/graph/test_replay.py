@@ -86,9 +86,8 @@ def in_bag(path: Path) -> dict[str, list[bytes]]:
     return found
 
 
-@pytest.mark.xfail(strict=False, reason="a volatile command is lost when DDS has not matched both ends yet")
 def test_a_bag_arrives_as_it_was_recorded(planar_bag: Path, listener: Listener) -> None:
-    with closing(Process("rled_teleop", "replay_demos", str(planar_bag), "--rate", "20")) as player:
+    with closing(Process("rled_teleop", "replay_demos", str(planar_bag), "--rate", "20", "--wait-for-subscribers", "1")) as player:
         listener.await_that(lambda: player.process.poll() is not None, "the end")
         code, out, err = player.end()
     assert code == 0, err

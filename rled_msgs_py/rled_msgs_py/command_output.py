@@ -1,0 +1,41 @@
+"""Commands that reach the robot although DDS matches a writer and a reader at different times."""
+
+from typing import Any
+
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.node import Node
+
+from rled_msgs_py.convert import MESSAGE_CLASSES, qos_profile, to_msg
+from rled_msgs_py.records import DeltaCommand
+from rled_msgs_py.topics import JOINT_DELTA, Topic
+
+
+class CommandOutput:
+    """Publishes displacements, and gives the one that still waits for its tick again to a reader that is matched late.
+
+    A node may receive states before its own writer knows the simulation's reader. What it answers then goes nowhere,
+    and in lockstep the simulation would wait for ever.
+
+    Args:
+        node: whose publisher it is.
+        topic: ``joint_delta``, or ``human/joint_delta`` beside an agent.
+    """
+
+    def __init__(self, node: Node, topic: Topic = JOINT_DELTA) -> None:
+        self._waiting: Any = None
+        matched = PublisherEventCallbacks(matched=self._on_matched)
+        kind, qos = MESSAGE_CLASSES[topic.type], qos_profile(topic.qos)
+        self.publisher = node.create_publisher(kind, topic.name, qos, event_callbacks=matched)
+
+    def publish(self, command: DeltaCommand) -> None:
+        """Publish a command, which then waits for its tick."""
+        self._waiting = to_msg(command)
+        self.publisher.publish(self._waiting)
+
+    def withdraw(self) -> None:
+        """A newer tick is there: nothing waits any more."""
+        self._waiting = None
+
+    def _on_matched(self, change: Any) -> None:
+        if change.current_count_change > 0 and self._waiting is not None:
+            self.publisher.publish(self._waiting)
