@@ -1,16 +1,16 @@
 """What a task asks for, self-described: JSON on the latched topic ``task_description``, and so in every bag."""
 
 import json
-import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
-from functools import cache
-from typing import Any, Literal, get_args, get_origin, get_type_hints
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rled_msgs_py.errors import ContractError
+from rled_msgs_py.kinds import check_kinds, from_object
+from rled_msgs_py.limits import NO_LIMITS, Limits
 from rled_msgs_py.records import check_names
 
 Observation = Literal["displacement_and_joints", "position_and_target"]
@@ -40,6 +40,7 @@ class TaskDescription:
         targets_per_episode: targets that end an episode; 0 never ends it.
         max_steps: steps after which an episode is cut; 0 never cuts it.
         period: simulation time between ticks (ns).
+        limits: what motion has to keep within besides; JSON without it, as in older bags, has none.
     """
 
     robot: str
@@ -60,12 +61,10 @@ class TaskDescription:
     targets_per_episode: int
     max_steps: int
     period: int
+    limits: Limits = NO_LIMITS
 
     def __post_init__(self) -> None:
-        for name, kind in _kinds().items():
-            value = getattr(self, name)
-            if not _fits(value, kind):
-                raise ContractError(f"{name} {value!r}", _accepted(kind))
+        check_kinds(self)
         check_names(self.joint_names, "the task description")
         n, m = len(self.joint_names), len(self.axes)
         sizes = {"joint_lower": n, "joint_upper": n, "workspace_lower": m, "workspace_upper": m}
@@ -84,6 +83,7 @@ class TaskDescription:
         for name in ("targets_per_episode", "max_steps"):
             if getattr(self, name) < 0:
                 raise ContractError(f"{name} is {getattr(self, name)}", "0 or more")
+        self.limits.require_joints(n)
 
     @property
     def action_size(self) -> int:
@@ -129,12 +129,10 @@ class TaskDescription:
         """
         names = [each.name for each in fields(TaskDescription)]
         try:
-            values: dict[str, Any] = json.loads(text)
+            values: Any = json.loads(text)
         except (ValueError, RecursionError):
             raise ContractError("the task description is no JSON", "an object with " + ", ".join(names)) from None
-        if not isinstance(values, dict) or set(values) != set(names):
-            raise ContractError("the task description has other fields", ", ".join(names))
-        return TaskDescription(**{key: _tuple(value) for key, value in values.items()})
+        return from_object(TaskDescription, values, "the task description", {"limits": NO_LIMITS})
 
     def require_same_robot(self, other: "TaskDescription", whose: str) -> None:
         """Refuse another robot's description.
@@ -146,33 +144,6 @@ class TaskDescription:
             mine, theirs = getattr(self, name), getattr(other, name)
             if mine != theirs:
                 raise ContractError(f"{whose} is for {name} {_plain(theirs)}", _plain(mine))
-
-
-@cache
-def _kinds() -> dict[str, Any]:
-    return get_type_hints(TaskDescription)
-
-
-def _fits(value: Any, kind: Any) -> bool:
-    if get_origin(kind) is tuple:
-        return isinstance(value, tuple) and all(_fits(each, get_args(kind)[0]) for each in value)
-    if get_origin(kind) is Literal:
-        return value in get_args(kind)
-    if isinstance(value, bool):
-        return False
-    return isinstance(value, int | float) and math.isfinite(value) if kind is float else isinstance(value, kind)
-
-
-def _accepted(kind: Any) -> str:
-    if get_origin(kind) is tuple:
-        return f"a list, each {_accepted(get_args(kind)[0])}"
-    if get_origin(kind) is Literal:
-        return ", ".join(get_args(kind))
-    return {float: "a finite number", int: "a whole number", str: "a text"}[kind]
-
-
-def _tuple(value: Any) -> Any:
-    return tuple(value) if isinstance(value, list) else value
 
 
 def _plain(value: Any) -> str:

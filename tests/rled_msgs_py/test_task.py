@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from rled_msgs_py.errors import ContractError
+from rled_msgs_py.limits import NO_LIMITS, Limits, Zone
 from rled_msgs_py.task import TaskDescription
 
 from .samples import TASK, TEXTS
@@ -152,3 +153,64 @@ def test_another_robots_description_is_refused_naming_the_field(other):
 
 def test_another_reward_is_the_same_robot():
     TASK.require_same_robot(replace(TASK, reward="sparse"), "the bag")
+
+
+ZONES = [("box", 3), ("sphere", 1), ("cylinder", 2)]
+
+
+@st.composite
+def some_limits(draw, n):
+    def vector(size, numbers=NUMBERS):
+        return draw(st.one_of(st.just(()), st.tuples(*[numbers] * size)))
+
+    bounds = {}
+    for what, size in (("joint", n), ("tip", 3)):
+        lower = vector(size)
+        bounds |= {f"{what}_lower": lower, f"{what}_upper": tuple(each + draw(POSITIVE) for each in lower)}
+    zones = draw(st.lists(st.sampled_from(ZONES), max_size=3))
+    return Limits(
+        velocity=vector(n, POSITIVE),
+        acceleration=vector(n, POSITIVE),
+        keep_out=tuple(Zone(shape, draw(st.tuples(*[NUMBERS] * 3)), (0.1,) * size) for shape, size in zones),
+        collisions=draw(st.booleans()),
+        **bounds,
+    )
+
+
+@given(some_limits(2))
+def test_limits_survive_json(limits):
+    task = replace(TASK, limits=limits)
+    assert TaskDescription.from_json(task.to_json()) == task
+
+
+def test_json_of_before_there_were_limits_is_read_as_having_none():
+    values = asdict(TASK)
+    del values["limits"]
+    assert TaskDescription.from_json(json.dumps(values)) == TASK
+    assert TASK.limits == NO_LIMITS
+
+
+@pytest.mark.parametrize(
+    ("limits", "said"),
+    [
+        ({"colour": 3}, "limits has other fields"),
+        ({"velocity": [1.0]}, "velocity has 1 values; accepted: 2"),
+        ({"velocity": [1.0, 0.0]}, "velocity"),
+        ({"acceleration": [1.0, -1.0]}, "acceleration"),
+        ({"joint_lower": [0.0, 0.0]}, "joint_lower"),
+        ({"joint_lower": [0.0], "joint_upper": [1.0]}, "joint_lower has 1 values"),
+        ({"tip_lower": [0.0, 0.0], "tip_upper": [1.0, 1.0]}, "tip_lower"),
+        ({"tip_lower": [0.0, 0.0, 2.0], "tip_upper": [1.0, 1.0, 1.0]}, "at most tip_upper"),
+        ({"collisions": 1}, "collisions 1; accepted: true or false"),
+        ({"keep_out": [3]}, "keep_out"),
+        ({"keep_out": [{"shape": "cone", "centre": [0, 0, 0], "size": [1]}]}, "accepted: box, sphere, cylinder"),
+        ({"keep_out": [{"shape": "sphere", "centre": [0, 0], "size": [1]}]}, "centre"),
+        ({"keep_out": [{"shape": "cylinder", "centre": [0, 0, 0], "size": [1]}]}, "radius, height"),
+        ({"keep_out": [{"shape": "sphere", "centre": [0, 0, 0], "size": [0]}]}, "more than 0"),
+    ],
+    ids=lambda value: str(value)[:40],
+)
+def test_limits_that_make_no_sense_are_refused(limits, said):
+    text = json.dumps(asdict(TASK) | {"limits": asdict(NO_LIMITS) | limits})
+    with pytest.raises(ContractError, match=said):
+        TaskDescription.from_json(text)
