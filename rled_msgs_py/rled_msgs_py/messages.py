@@ -184,7 +184,7 @@ def gate_decision_from_msg(msg: Any) -> GateDecision:
 
 
 def task_status_to_msg(status: TaskStatus, types: MessageTypes) -> Any:
-    """diagnostic_msgs/DiagnosticArray; level WARN in a risky state."""
+    """diagnostic_msgs/DiagnosticArray; level WARN in a risky state, and where a displacement was refused."""
     values = {
         "episode": str(status.episode),
         "step": str(status.step),
@@ -195,7 +195,11 @@ def task_status_to_msg(status: TaskStatus, types: MessageTypes) -> Any:
         "terminated": str(int(status.terminated)),
         "truncated": str(int(status.truncated)),
     }
-    level, message = (Level.WARN, "risky state") if status.risky else (Level.OK, "ok")
+    said = ["risky state"] if status.risky else []
+    if status.refused:
+        values["refused"] = status.refused
+        said.append(f"refused: {status.refused}")
+    level, message = (Level.WARN, ", ".join(said)) if said else (Level.OK, "ok")
     return _diagnostic(Health(status.stamp, level, "task", message, values), types)
 
 
@@ -214,6 +218,7 @@ def task_status_from_msg(msg: Any) -> TaskStatus:
         _count(violations),
         _flag(terminated),
         _flag(truncated),
+        health.values.get("refused", ""),
     )
 
 

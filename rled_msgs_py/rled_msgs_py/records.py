@@ -195,6 +195,7 @@ class TaskStatus:
         violations: risky states in this episode.
         terminated: the task is done.
         truncated: the step limit was met.
+        refused: the limit that forbade the displacement asked for, so that the robot stayed; empty when none did.
     """
 
     stamp: int
@@ -206,6 +207,7 @@ class TaskStatus:
     violations: int
     terminated: bool
     truncated: bool
+    refused: str = ""
 
     def __post_init__(self) -> None:
         if not np.isfinite(self.reward):

@@ -2,6 +2,8 @@
 
 from enum import IntEnum
 
+import numpy as np
+from numpy.typing import NDArray
 from rled_msgs_py.errors import ContractError, RledError
 from rled_msgs_py.records import DeltaCommand
 from rled_msgs_py.task import TaskDescription
@@ -21,10 +23,17 @@ class Code(IntEnum):
     FUTURE = 5
     STOPPED = 6
     EPISODE_OVER = 7
+    JOINT_RANGE = 8
+    VELOCITY = 9
+    ACCELERATION = 10
+    WORKSPACE = 11
+    KEEP_OUT = 12
+    SELF_COLLISION = 13
+    CONTACT = 14
 
 
 class Refused(RledError):
-    """A command that the simulation does not carry out.
+    """A command that is not carried out.
 
     Args:
         code: the reason, for programs.
@@ -35,6 +44,11 @@ class Refused(RledError):
     def __init__(self, code: Code, what: str, accepted: str = "") -> None:
         super().__init__(what, accepted)
         self.code = code
+
+    @property
+    def name(self) -> str:
+        """The code in words, as in ``keep_out``."""
+        return self.code.name.lower()
 
 
 def displacement(command: DeltaCommand, task: TaskDescription) -> list[float]:
@@ -50,8 +64,15 @@ def displacement(command: DeltaCommand, task: TaskDescription) -> list[float]:
         delta = command.ordered(task.joint_names).delta
     except ContractError as error:
         raise Refused(Code.WRONG_NAMES, str(error)) from None
-    largest = float(abs(delta).max())
-    if largest > task.max_delta * (1.0 + ROUNDING):
-        raise Refused(Code.TOO_LARGE, f"a displacement of {largest:.6g} rad", f"at most {task.max_delta:g} rad")
+    if (refused := too_large(delta, task.max_delta)) is not None:
+        raise refused
     values: list[float] = delta.tolist()
     return values
+
+
+def too_large(delta: NDArray[np.float64], max_delta: float) -> Refused | None:
+    """The refusal of a displacement (rad), shape (n,), with a component beyond Δq_max (rad)."""
+    largest = float(abs(delta).max())
+    if largest <= max_delta * (1.0 + ROUNDING):
+        return None
+    return Refused(Code.TOO_LARGE, f"a displacement of {largest:.6g} rad", f"at most {max_delta:g} rad")

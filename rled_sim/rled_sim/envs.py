@@ -7,6 +7,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from rled_msgs_py.errors import RledError
+from rled_msgs_py.limits import NO_LIMITS, Limits
 from rled_msgs_py.task import Reward
 
 from rled_sim.robots import robot_named
@@ -21,7 +22,8 @@ class ReachEnv(gymnasium.Env[Floats, Floats]):
     """A robot reaching targets, see ``rled_sim.tasks``.
 
     Action: joint displacements Δq (rad), shape (n,), within ±Δq_max. Observation: ``TaskDescription.observe``. ``info``
-    has ``targets_reached``, ``violations`` and ``risky``, and with motors ``contacts``, the pairs that touch.
+    has ``targets_reached``, ``violations`` and ``risky``, with motors ``contacts``, the pairs that touch, and where a
+    limit forbade the action ``refused``, its name: the robot stayed where it was, and the step counts.
     """
 
     metadata: ClassVar[dict[str, Any]] = {"render_modes": ["human", "rgb_array"], "render_fps": 50}
@@ -35,6 +37,7 @@ class ReachEnv(gymnasium.Env[Floats, Floats]):
         transition: Transition = "kinematic",
         targets_per_episode: int | None = None,
         max_steps: int | None = None,
+        limits: Limits = NO_LIMITS,
         render_mode: str | None = None,
     ) -> None:
         """Open the environment.
@@ -46,10 +49,11 @@ class ReachEnv(gymnasium.Env[Floats, Floats]):
             transition: ``kinematic`` (Eq. 4.28) or ``motors`` (physics).
             targets_per_episode: targets that end an episode, 0 never; the task's own when None.
             max_steps: steps that cut an episode, 0 never; the task's own when None.
+            limits: what motion has to keep within besides Δq_max.
             render_mode: ``human`` for PyBullet's window, ``rgb_array`` for pictures.
 
         Raises:
-            RledError: unknown robot, or start joints that do not fit it.
+            RledError: unknown robot, or start joints or limits that do not fit it.
         """
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise RledError(f"render_mode '{render_mode}'", ", ".join(self.metadata["render_modes"]))
@@ -58,7 +62,9 @@ class ReachEnv(gymnasium.Env[Floats, Floats]):
         if render_mode == "human" and not gui:
             gymnasium.logger.warn("render_mode 'human' shows nothing: no X display in DISPLAY")
         chosen = robot_named(robot)
-        task = reach_task(chosen, reward=reward, targets_per_episode=targets_per_episode, max_steps=max_steps)
+        task = reach_task(
+            chosen, reward=reward, targets_per_episode=targets_per_episode, max_steps=max_steps, limits=limits
+        )
         self.task = task.description
         self._period = self.task.period * 1e-9
         world = World(chosen, transition, self._period, gui)
@@ -111,6 +117,8 @@ class ReachEnv(gymnasium.Env[Floats, Floats]):
         }
         if self._simulation.world.physical:
             info["contacts"] = self._simulation.world.contacts()
+        if self._simulation.refused is not None:
+            info["refused"] = self._simulation.refused.name
         return info
 
     def _show(self) -> None:

@@ -6,7 +6,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 from rled_msgs_py.errors import RledError
+from rled_msgs_py.limits import NO_LIMITS
 
+from rled_sim.commands import Refused
+from rled_sim.limits import Guard
 from rled_sim.starts import start_points
 from rled_sim.tasks import Episode, Outcome, ReachTask
 from rled_sim.world import World
@@ -21,6 +24,7 @@ class Simulation:
         world: where the robot is.
         task: what it is to do.
         episode: how far it has come.
+        refused: why the last displacement was not carried out; None when it was.
     """
 
     def __init__(self, world: World, task: ReachTask, start_joints: ArrayLike | None = None) -> None:
@@ -37,15 +41,26 @@ class Simulation:
         self.world, self.task = world, task
         self._starts = [world.home] if start_joints is None else start_points(start_joints, task.description)
         self._max_delta, self._size = task.description.max_delta, task.description.action_size
+        self._guard = self._make_guard()
+        self.refused: Refused | None = None
+        self._previous: Sequence[float] = [0.0] * self._size
+
+    def _make_guard(self) -> Guard | None:
+        task = self.task.description
+        return None if task.limits == NO_LIMITS else Guard(task, self.world.robot.chain, self.world.touches)
 
     def reset(self, rng: np.random.Generator) -> None:
         """Begin an episode: draw the start, then the target; ``rng`` draws the next targets too."""
         self._rng = rng
         self.world.place(self._starts[rng.integers(len(self._starts))])
+        self._rest()
         self.episode = Episode(self.task, self.world.q, self.world.position, self.task.draw_target(rng))
 
     def step(self, delta: Sequence[float]) -> Outcome:
         """Displace the joints by Δq (rad), n, clipped to ±Δq_max, and count the transition.
+
+        Where a limit forbids it, the robot stays, and the step counts all the same: whoever learns sees that the action
+        led nowhere, and nobody waits for a lawful one.
 
         Raises:
             RledError: another number of joints, a NaN or an infinity.
@@ -53,9 +68,18 @@ class Simulation:
         if len(delta) != self._size or not math.isfinite(sum(delta)):
             raise RledError(f"displacement {list(delta)}", f"{self._size} finite numbers (rad)")
         most = self._max_delta
-        self.world.move([-most if each < -most else most if each > most else each for each in delta])
+        moved = [-most if each < -most else most if each > most else each for each in delta]
+        if self._guard is not None:
+            self.refused = self._guard.judge(self.world.set_point, self._previous, moved)
+            self._previous = moved if self.refused is None else [0.0] * self._size
+            moved = self._previous
+        self.world.move(moved)
         return self.episode.advance(self.world.q, self.world.position, self._rng)
 
     def hold(self) -> None:
         """Let one period pass without a displacement; the task does not count it."""
         self.world.move([0.0] * self._size)
+        self._rest()
+
+    def _rest(self) -> None:
+        self.refused, self._previous = None, [0.0] * self._size

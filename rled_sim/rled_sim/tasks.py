@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from rled_msgs_py.limits import NO_LIMITS, Limits
 from rled_msgs_py.task import Reward, TaskDescription
 
 from rled_sim.lemniscate import lemniscate
@@ -144,6 +145,7 @@ def reach_task(
     targets_per_episode: int | None = None,
     max_steps: int | None = None,
     period: int | None = None,
+    limits: Limits = NO_LIMITS,
 ) -> ReachTask:
     """A robot's reach task, with the thesis's settings where nothing else is said.
 
@@ -153,6 +155,10 @@ def reach_task(
         targets_per_episode: targets that end an episode; 0 never ends it.
         max_steps: steps after which an episode is cut; 0 never cuts it.
         period: simulation time between ticks (ns).
+        limits: what motion has to keep within.
+
+    Raises:
+        ContractError: limits of another number of joints.
     """
     task = _panda(robot) if robot.name == "panda" else _planar(robot)
     options = {
@@ -160,6 +166,7 @@ def reach_task(
         "targets_per_episode": targets_per_episode,
         "max_steps": max_steps,
         "period": period,
+        "limits": limits,
     }
     chosen: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
     return replace(task, description=replace(task.description, **chosen))

@@ -31,5 +31,6 @@ def tick_of(simulation: Simulation, stamp: int, number: int, reward: float) -> T
             violations=episode.violations,
             terminated=episode.outcome.terminated,
             truncated=episode.outcome.truncated,
+            refused=simulation.refused.name if simulation.refused else "",
         ),
     )

@@ -47,6 +47,7 @@ class World:
     torque limits and contacts; the set point is what is displaced, so that a robot told to stay does not sag.
 
     Attributes:
+        robot: the robot.
         home: joint angles at rest (rad), n.
         q: joint angles (rad), n.
         position: origin of the tip link in the frame ``world`` (m).
@@ -65,10 +66,11 @@ class World:
             RledError: no window can be opened.
         """
         self.home = list(robot.home)
-        self._robot, self._period, self._kinematic = robot, period, transition == "kinematic"
+        self.robot, self._period, self._kinematic = robot, period, transition == "kinematic"
         self._lower, self._upper = robot.lower, robot.upper
         self._client = _connect(gui)
         self._target: int | None = None
+        self._ghost: World | None = None
         self._load()
 
     def _load(self) -> None:
@@ -78,14 +80,14 @@ class World:
         p.setTimeStep(self._period / self._substeps, physicsClientId=client)
         self._floor = p.loadURDF(os.path.join(getDataPath(), "plane.urdf"), physicsClientId=client)
         flags = p.URDF_USE_SELF_COLLISION
-        self._body = p.loadURDF(str(self._robot.urdf), useFixedBase=True, flags=flags, physicsClientId=client)
+        self._body = p.loadURDF(str(self.robot.urdf), useFixedBase=True, flags=flags, physicsClientId=client)
         infos = [p.getJointInfo(self._body, i, client) for i in range(p.getNumJoints(self._body, client))]
         joints, links = ({info[column].decode(): info[0] for info in infos} for column in (1, 12))
         self._link_names = {index: name for name, index in links.items()} | {-1: "base"}
-        self._joints = [joints[name] for name in self._robot.joint_names]
-        self._held = [(infos[joints[name]], value) for name, value in self._robot.held.items()]
-        self._tip = links[self._robot.tip_link]
-        self.place(self._robot.home)
+        self._joints = [joints[name] for name in self.robot.joint_names]
+        self._held = [(infos[joints[name]], value) for name, value in self.robot.held.items()]
+        self._tip = links[self.robot.tip_link]
+        self.place(self.robot.home)
         for contact in self._touching():
             # Links of one rigid body whose shapes overlap in the URDF would report a contact for ever.
             p.setCollisionFilterPair(self._body, self._body, contact[3], contact[4], 0, client)
@@ -127,10 +129,10 @@ class World:
         )
 
     def _drive(self) -> None:
-        p, leash = pybullet, LEASH * self._robot.max_delta
+        p, leash = pybullet, LEASH * self.robot.max_delta
         ahead = zip(self._set_point, self.q, strict=True)
         self._set_point = [min(max(point, angle - leash), angle + leash) for point, angle in ahead]
-        for index, joint, point in zip(self._joints, self._robot.joints, self._set_point, strict=True):
+        for index, joint, point in zip(self._joints, self.robot.joints, self._set_point, strict=True):
             self._hold(index, point, joint.effort, joint.velocity)
         for info, point in self._held:
             self._hold(info[0], point, info[10], info[11])
@@ -163,6 +165,11 @@ class World:
         return not self._kinematic
 
     @property
+    def set_point(self) -> list[float]:
+        """Joint angles that a displacement is added to (rad), n: the motors' set point, or where the joints are."""
+        return self.q if self._kinematic else self._set_point
+
+    @property
     def velocity(self) -> list[float]:
         """Joint rates (rad/s), n: of the physics, or Δq over the period where joints are displaced."""
         if not self._kinematic:
@@ -172,6 +179,16 @@ class World:
     def contacts(self) -> list[Contact]:
         """What the robot touches in this state."""
         return sorted({self._contact(point) for point in self._touching()})
+
+    def touches(self, q: NDArray[np.float64]) -> dict[tuple[str, str], float]:
+        """What the robot would touch at joint angles (rad), shape (n,), and how deep (m); nothing moves here."""
+        self._ghost = self._ghost or World(self.robot, "kinematic", self._period)
+        self._ghost.place(q.tolist())
+        found: dict[tuple[str, str], float] = {}
+        for point in self._ghost._touching():
+            pair = self._ghost._contact(point)
+            found[pair] = max(found.get(pair, 0.0), TOUCHING - point[8])
+        return found
 
     def _touching(self) -> list[tuple[Any, ...]]:
         pybullet.performCollisionDetection(self._client)
@@ -193,7 +210,7 @@ class World:
 
     def picture(self) -> NDArray[np.uint8]:
         """What the robot's camera sees, shape (480, 640, 3)."""
-        p, camera, (width, height) = pybullet, self._robot.camera, PICTURE
+        p, camera, (width, height) = pybullet, self.robot.camera, PICTURE
         view = p.computeViewMatrixFromYawPitchRoll(
             camera.target, camera.distance, camera.yaw, camera.pitch, 0, upAxisIndex=2
         )
@@ -203,6 +220,8 @@ class World:
 
     def close(self) -> None:
         """Close the world; a second call does nothing."""
+        if self._ghost is not None:
+            self._ghost.close()
         if self._client >= 0:
             pybullet.disconnect(self._client)
             self._client = -1

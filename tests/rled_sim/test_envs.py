@@ -3,6 +3,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 from rled_msgs_py.errors import RledError
+from rled_msgs_py.limits import Limits, Zone
 from rled_sim.robots import ROBOTS
 
 import rled_sim  # noqa: F401
@@ -174,3 +175,45 @@ def test_picture_is_rendered(make):
 def test_unknown_options_are_refused(options, what):
     with pytest.raises(RledError, match=what):
         gymnasium.make(NAMES[0], **options)
+
+
+def test_a_limit_makes_the_robot_stay_and_the_step_count(make):
+    zone = Zone("sphere", (0.5, 0.0, 0.1), (0.05,))
+    env = make(NAMES[1], limits=Limits(keep_out=(zone,), joint_lower=(-0.95, 0.5), joint_upper=(0.0, 2.0)))
+    before, info = env.reset(seed=0)
+    assert "refused" not in info
+    after, _, _, _, info = env.step(np.array([-0.06, 0.0], np.float32))  # from -0.9 rad
+    assert info["refused"] == "joint_range"
+    np.testing.assert_array_equal(after, before)
+    after, _, _, _, info = env.step(np.array([-0.04, 0.0], np.float32))
+    assert "refused" not in info
+    assert not np.array_equal(after, before)
+    assert env.unwrapped._simulation.episode.steps == 2
+
+
+def test_limits_off_change_no_bit_and_wide_ones_neither(make):
+    wide = Limits(joint_lower=(-9.0,) * 7, joint_upper=(9.0,) * 7, velocity=(9.0,) * 7, acceleration=(1e6,) * 7)
+    for name, transition in ((NAMES[0], "kinematic"), (NAMES[0], "motors")):
+        tracks = [
+            drive(make(name, max_steps=30, transition=transition, **each), 7, 60) for each in ({}, {"limits": wide})
+        ]
+        assert tracks[0] == tracks[1]
+
+
+def test_limits_of_another_number_of_joints_are_refused(make):
+    with pytest.raises(RledError, match="velocity has 7 values; accepted: 2"):
+        make(NAMES[1], limits=Limits(velocity=(1.0,) * 7))
+
+
+@pytest.mark.parametrize("transition", ["kinematic", "motors"])
+def test_the_robot_is_not_sent_into_the_floor_where_collisions_are_limited(make, transition):
+    env = make(NAMES[0], limits=Limits(collisions=True), transition=transition, targets_per_episode=0)
+    env.reset(seed=0)
+    refused = []
+    for _ in range(80):
+        *_, info = env.step(np.array([0, 0.04, 0, 0, 0, 0, 0], np.float32))
+        world = env.unwrapped._simulation.world
+        assert world.touches(np.array(world.set_point)) == {}  # physics may carry the motors a little further
+        refused.append(info.get("refused"))
+    assert refused[0] is None
+    assert refused[-1] == "contact"
