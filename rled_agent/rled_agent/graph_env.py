@@ -104,11 +104,13 @@ class GraphEnv(gymnasium.Env[Floats, Floats]):
         q = tick.joints.ordered(self.task.joint_names).position
         observation = self.task.observe(q, tick.ee.position, tick.target.position).astype(np.float32)
         status = tick.status
-        info = {
+        info: dict[str, Any] = {
             "targets_reached": status.targets_reached,
             "violations": status.violations,
             "risky": status.risky,
         }
+        if status.refused:
+            info["refused"] = status.refused
         return observation, info
 
     def _next(self, wanted: Any) -> Tick:

@@ -35,7 +35,8 @@ class Driver:
     """Takes commands, steps the simulation, gives out ticks.
 
     Every tick has a stamp of its own, one period after the last; the first is 0. In real time a command is carried out
-    once, and where none is fresh the tick is a hold: a period without a displacement, which the task does not count.
+    once, and where none is fresh the tick is a hold: a period without a displacement, which the task does not count. A
+    command that a limit forbids is answered by a step without a displacement, in both modes.
 
     Attributes:
         rules: may be replaced while it runs.
@@ -45,7 +46,14 @@ class Driver:
         stopped: the emergency stop is on.
     """
 
-    def __init__(self, simulation: Simulation, rules: Rules, seed: int, give: Callable[[Tick], None]) -> None:
+    def __init__(
+        self,
+        simulation: Simulation,
+        rules: Rules,
+        seed: int,
+        give: Callable[[Tick], None],
+        taken: Callable[[], None] = lambda: None,
+    ) -> None:
         """Wire a driver; ``begin`` gives the first tick.
 
         Args:
@@ -53,11 +61,12 @@ class Driver:
             rules: how.
             seed: of every random draw.
             give: called with each tick.
+            taken: called when a command is taken, before it is carried out.
         """
         self.rules = rules
         self.stamp, self.number = -simulation.task.description.period, -1
         self.paused = self.stopped = False
-        self._simulation, self._give = simulation, give
+        self._simulation, self._give, self._taken = simulation, give, taken
         self._rng = np.random.default_rng(seed)
         self._pending: list[float] | None = None
         self._answered = -1
@@ -85,12 +94,13 @@ class Driver:
         """Take a command; in lockstep this steps.
 
         Raises:
-            Refused: it is not carried out; in lockstep the driver goes on waiting.
+            Refused: it is not taken; in lockstep the driver goes on waiting.
         """
         delta = displacement(command, self._simulation.task.description)
         self._require_moving()
         self._require_fresh(command.stamp)
         self._answered, self._pending = command.stamp, delta
+        self._taken()
         if self.rules.mode == "lockstep" and not self.paused:
             self._advance()
 

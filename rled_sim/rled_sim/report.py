@@ -26,12 +26,12 @@ class Report:
         self._contacts.update(contacts)
 
     def accepted(self) -> None:
-        """Count a command that was carried out."""
+        """Count a command that was taken; one that a limit then forbids is counted as refused besides."""
         self._commands[Code.ACCEPTED] += 1
         self._code, self._text = Code.ACCEPTED, ""
 
     def refused(self, error: Refused) -> None:
-        """Count a command that was not."""
+        """Count a command that was not taken, or not carried out."""
         self._commands[error.code] += 1
         self._code, self._text = error.code, str(error)
 

@@ -47,10 +47,10 @@ class SimNode(Node):
         params = declare(self, SimParams, self._on_change)
         _require_alone(self, params.discovery_wait)
         self._simulation = simulation_of(params)
-        self._driver = Driver(self._simulation, params.rules(), params.seed, self._publish)
+        self._report, self._view = Report(), View(self._simulation.task.targets.tolist())
+        self._driver = Driver(self._simulation, params.rules(), params.seed, self._publish, self._report.accepted)
         self._seed: int | None = None  # set since the last reset, be it to the same value
         self.add_post_set_parameters_callback(self._on_set)
-        self._report, self._view = Report(), View(self._simulation.task.targets.tolist())
         self._outputs = [advertise(self, topic) for topic in STATE_TOPICS]
         self._clock_output, self._marker_output = advertise(self, CLOCK_TOPIC), advertise(self, MARKERS)
         self._health_output = advertise(self, DIAGNOSTICS)
@@ -90,14 +90,14 @@ class SimNode(Node):
             output.publish(to_msg(record))
         self._view.add(tick)
         self._report.tick(self._simulation.world.contacts() if self._simulation.world.physical else ())
+        if self._simulation.refused is not None:
+            self._refuse(self._simulation.refused)
 
     def _on_delta(self, command: DeltaCommand) -> None:
         try:
             self._driver.command(command)
         except Refused as error:
             self._refuse(error)
-        else:
-            self._report.accepted()
 
     def _on_unreadable(self, error: ContractError) -> None:
         self._refuse(Refused(Code.UNREADABLE, str(error)))

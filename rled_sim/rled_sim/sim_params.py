@@ -1,13 +1,16 @@
 """Parameters of the simulation node, and the simulation that they describe."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from rled_msgs_py.errors import RledError
+from rled_msgs_py.limits import Limits, Zone
 from rled_msgs_py.params import param
 
 from rled_sim.driver import Rules
-from rled_sim.robots import ROBOTS, robot_named
+from rled_sim.robots import ROBOTS, Robot, robot_named
 from rled_sim.simulation import Simulation
 from rled_sim.starts import marked_joints
 from rled_sim.tasks import reach_task
@@ -38,24 +41,41 @@ class SimParams:
     max_steps: int = _fixed(-1, "steps that cut an episode; 0: never, -1: the task's own", low=-1, high=10**9)
     period: float = _fixed(0.02, "simulation time between two ticks (s)", low=0.001, high=1.0)
     start_points: str = _fixed("", "bag whose marked points episodes start at; empty: the robot's home")
+    joint_margin: float = _fixed(
+        -1.0,
+        "refuse angles nearer to the joint limits (rad); below 0: clip at them, as the thesis does",
+        low=-1.0,
+        high=1.0,
+    )
+    velocity_share: float = _fixed(0.0, "refuse joint rates above this share of the URDF's; 0: any", low=0.0, high=1.0)
+    acceleration: float = _fixed(0.0, "refuse to speed a joint up by more (rad/s²); 0: by any", low=0.0, high=1e6)
+    workspace: str = _fixed("", "box that the end effector stays in: least x y z, greatest x y z (m); empty: any")
+    keep_out: str = _fixed(
+        "", "zones that it stays out of: 'box X Y Z LX LY LZ; sphere X Y Z R; cylinder X Y Z R H', centre first (m)"
+    )
+    collisions: bool = _fixed(False, "refuse what would touch the floor or the robot itself")
     gui: bool = _fixed(False, "show PyBullet's window")
     # measured with busy processors: 11 of 32 times it took more than 1 s, never more than 2.3 s
     discovery_wait: float = _fixed(3.0, "time to look for another simulation in the graph (s)", low=0.0, high=60.0)
     marker_rate: float = _fixed(5.0, "markers per second of real time; 0: none", low=0.0, high=50.0)
     seed: int = param(0, "seed of the random draws; a change takes effect at the next ~/reset", low=0, high=2**63 - 1)
     auto_reset: bool = param(True, "begin the next episode at once; otherwise wait for ~/reset")
-    command_timeout: float = param(0.1, "real time: oldest state that a command may answer (s)", low=0.001, high=10.0)
+    # a command computed from a state k periods old may overshoot by k steps
+    command_timeout: float = param(
+        0.0, "real time: oldest state that a command may answer (s); 0: two periods", low=0.0, high=10.0
+    )
 
     def rules(self) -> Rules:
         """What of them the driver needs."""
-        return Rules(self.mode, round(self.command_timeout * 1e9), self.auto_reset)  # type: ignore[arg-type]
+        timeout = round((self.command_timeout or 2.0 * self.period) * 1e9)
+        return Rules(self.mode, timeout, self.auto_reset)  # type: ignore[arg-type]
 
 
 def simulation_of(params: SimParams) -> Simulation:
     """Open the simulation that the parameters describe.
 
     Raises:
-        RledError: a bag without start points for this robot, or no display for the window.
+        RledError: a bag without start points for this robot, limits that make no sense, or no display for the window.
     """
     robot = robot_named(params.robot)
     task = reach_task(
@@ -64,10 +84,44 @@ def simulation_of(params: SimParams) -> Simulation:
         targets_per_episode=_chosen(params.targets_per_episode),
         max_steps=_chosen(params.max_steps),
         period=round(params.period * 1e9),
+        limits=limits_of(params, robot),
     )
     starts = marked_joints(Path(params.start_points), task.description) if params.start_points else None
     world = World(robot, params.transition, task.description.period * 1e-9, params.gui)  # type: ignore[arg-type]
     return Simulation(world, task, starts)
+
+
+def limits_of(params: SimParams, robot: Robot) -> Limits:
+    """The limits that the parameters describe.
+
+    Raises:
+        RledError: a box or a zone that cannot be read.
+    """
+    n, margin = len(robot.joints), params.joint_margin
+    box = _numbers(params.workspace.split(), params.workspace)
+    return Limits(
+        joint_lower=tuple(each + margin for each in robot.lower) if margin >= 0.0 else (),
+        joint_upper=tuple(each - margin for each in robot.upper) if margin >= 0.0 else (),
+        velocity=tuple(params.velocity_share * each.velocity for each in robot.joints) if params.velocity_share else (),
+        acceleration=(params.acceleration,) * n if params.acceleration else (),
+        tip_lower=box[:3],
+        tip_upper=box[3:],
+        keep_out=tuple(_zone(each) for each in params.keep_out.split(";") if each.strip()),
+        collisions=params.collisions,
+    )
+
+
+def _zone(text: str) -> Zone:
+    shape, *numbers = text.split()
+    centre_and_size = _numbers(numbers, text)
+    return Zone(shape, centre_and_size[:3], centre_and_size[3:])  # type: ignore[arg-type]
+
+
+def _numbers(words: Sequence[str], text: str) -> tuple[float, ...]:
+    try:
+        return tuple(float(word) for word in words)
+    except ValueError:
+        raise RledError(f"numbers of '{text.strip()}'", "metres, separated by blanks") from None
 
 
 def _chosen(number: int) -> int | None:

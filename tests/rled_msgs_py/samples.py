@@ -126,7 +126,7 @@ def delta_commands(draw: st.DrawFn) -> DeltaCommand:
 POSES = st.builds(PoseSample, STAMPS, TEXTS, vectors(3), orientations())
 HEALTHS = st.builds(Health, STAMPS, st.sampled_from(Level), TEXTS, TEXTS, st.dictionaries(TEXTS, TEXTS, max_size=4))
 STATUSES = st.builds(
-    TaskStatus, STAMPS, COUNTS, COUNTS, FINITE, COUNTS, st.booleans(), COUNTS, st.booleans(), st.booleans()
+    TaskStatus, STAMPS, COUNTS, COUNTS, FINITE, COUNTS, st.booleans(), COUNTS, st.booleans(), st.booleans(), TEXTS
 )
 DECISIONS = st.builds(
     GateDecision,
