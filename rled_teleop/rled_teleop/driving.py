@@ -53,6 +53,7 @@ class Driving:
         node: whose topics and timer are used.
         beside_agent: publish on ``human/joint_delta`` and nothing when the person has let go.
         steer: what the person wants.
+        watch: called with each tick, whether it is answered or not.
 
     Attributes:
         jog: the robot, None until it has described itself.
@@ -60,8 +61,10 @@ class Driving:
         delta: the newest answer (rad), shape (n,); None before the first.
     """
 
-    def __init__(self, node: Node, beside_agent: bool, steer: Steer) -> None:
-        self._node, self._beside_agent, self._steer = node, beside_agent, steer
+    def __init__(
+        self, node: Node, beside_agent: bool, steer: Steer, watch: Callable[[Tick], None] = lambda tick: None
+    ) -> None:
+        self._node, self._beside_agent, self._steer, self._watch = node, beside_agent, steer, watch
         self._task: TaskDescription | None = None
         self._urdf = ""
         self.jog: Jog | None = None
@@ -72,6 +75,18 @@ class Driving:
         subscribe(node, TASK_DESCRIPTION, self._on_task)
         subscribe(node, ROBOT_DESCRIPTION, self._on_robot)
         subscribe_ticks(node, self._on_tick)
+
+    @property
+    def beside_agent(self) -> bool:
+        """Whether somebody else answers, and this only takes over."""
+        return self._beside_agent
+
+    def stand(self, beside_agent: bool) -> None:
+        """Answer alone from now on, or stand beside an agent; the other topic is no longer published on."""
+        if beside_agent != self._beside_agent:
+            self._beside_agent = beside_agent
+            self._node.destroy_publisher(self._output.publisher)
+            self._output = CommandOutput(self._node, HUMAN_JOINT_DELTA if beside_agent else JOINT_DELTA)
 
     def look(self) -> None:
         """Answer the newest tick if it is time; call it every ``LOOK``."""
@@ -100,6 +115,7 @@ class Driving:
     def _on_tick(self, tick: Tick) -> None:
         self.tick, self._is_answered = tick, False
         self._output.withdraw()
+        self._watch(tick)
         self.look()
 
     def _on_task(self, text: Text) -> None:
