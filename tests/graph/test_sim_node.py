@@ -15,6 +15,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rled_msgs_py.convert import MESSAGE_CLASSES, from_msg, qos_profile, to_msg
+from rled_msgs_py.limits import Zone
 from rled_msgs_py.node import advertise, fresh_context
 from rled_msgs_py.records import DeltaCommand
 from rled_msgs_py.task import TaskDescription
@@ -368,6 +369,19 @@ def test_without_auto_reset_the_simulation_waits_for_a_reset(start):
     assert operator.tick.status.episode == 1
 
 
+def test_motion_that_a_limit_forbids_is_a_step_without_motion_and_counted(start):
+    operator = start("--robot", "planar", "--keep-out", "sphere 0.6216 0 0.1 0.05")  # the tip's place at home
+    assert operator.task.limits.keep_out == (Zone("sphere", (0.6216, 0.0, 0.1), (0.05,)),)
+    tick = operator.step((0.1, 0.0))  # out of it
+    assert tick.status.refused == ""
+    tick = operator.step((-0.1, 0.0))
+    assert (tick.status.refused, tick.status.step) == ("keep_out", 2)
+    np.testing.assert_array_equal(tick.joints.position, operator.ticks[-2].joints.position)
+    health = operator.report("code", "12")
+    assert health.values["commands_keep_out"] == "1"
+    assert "keep-out sphere" in health.values["text"]
+
+
 @pytest.fixture(scope="class")
 def ticking(ros_domain):
     """One simulation in real time."""
@@ -452,6 +466,7 @@ def test_second_simulation_in_the_domain_is_refused(start):
         (("--seed", "x"), "invalid int value: 'x'"),
         (("--speed", "2"), "unrecognized arguments: --speed 2"),
         (("--start-points", "no/such/bag"), "no/such/bag"),
+        (("--keep-out", "cone 0 0 0 1"), "shape 'cone'; accepted: box, sphere, cylinder"),
         (("--ros-args", "-p", "robot:=ur5"), "robot is 'ur5'; accepted: panda, planar"),
     ],
 )

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from rled_msgs_py.errors import RledError
+from rled_msgs_py.limits import Limits
 from rled_msgs_py.records import DeltaCommand
 from rled_sim.commands import Code, Refused, displacement
 from rled_sim.driver import Driver, Rules
@@ -198,6 +199,54 @@ def test_seed_begins_the_draws_anew(world):
     targets = [tuple(tick.target.position) for tick in ticks]
     assert targets[:2] == targets[2:]
     assert targets[0] != targets[1]
+
+
+SLOW = Limits(velocity=(2.0, 2.0))  # 0.04 rad in a period
+
+
+@pytest.mark.parametrize("rules", [LOCKSTEP, REAL_TIME])
+def test_what_a_limit_forbids_is_a_step_without_motion(world, rules):
+    driver, ticks = driven(world, rules, limits=SLOW)
+    for delta in ((0.05, 0.0), (0.03, 0.0)):
+        driver.command(answer(driver.stamp, delta))
+        driver.timer() if rules is REAL_TIME else None
+    assert [tick.status.refused for tick in ticks] == ["", "velocity", ""]
+    assert [tick.status.step for tick in ticks] == [0, 1, 2]
+    shoulder = [float(tick.joints.position[0]) for tick in ticks]
+    assert shoulder == pytest.approx([-0.9, -0.9, -0.87], abs=1e-15)
+    assert ticks[1].status.reward < 0.0
+
+
+def test_a_hold_and_a_new_episode_are_no_refusals(world):
+    driver, ticks = driven(world, REAL_TIME, limits=SLOW)
+    driver.command(answer(0, (0.05, 0.0)))
+    driver.timer()
+    driver.timer()
+    driver.command(answer(driver.stamp, (0.05, 0.0)))
+    driver.timer()
+    driver.reset()
+    assert [tick.status.refused for tick in ticks] == ["", "velocity", "", "velocity", ""]
+
+
+def test_speed_is_lost_in_a_hold(world):
+    driver, ticks = driven(world, REAL_TIME, limits=Limits(acceleration=(100.0, 100.0)))  # 0.04 rad more a period
+    for delta in (0.04, 0.08, None, 0.08, 0.04):
+        if delta is not None:
+            driver.command(answer(driver.stamp, (delta, 0.0)))
+        driver.timer()
+    assert [tick.status.refused for tick in ticks] == ["", "", "", "", "acceleration", ""]
+
+
+def test_driver_says_when_it_takes_a_command(world):
+    taken, task = [], reach_task(ROBOTS["planar"])
+    driver = Driver(
+        Simulation(world, task), LOCKSTEP, 0, lambda tick: taken.append("tick"), lambda: taken.append("taken")
+    )
+    driver.begin()
+    driver.command(answer(0))
+    with pytest.raises(Refused):
+        driver.command(answer(0))
+    assert taken == ["tick", "taken", "tick"]
 
 
 OPERATIONS = st.sampled_from(["answer", "bad", "timer", "reset", "pause", "go", "stop", "release"])

@@ -21,7 +21,9 @@ def imports(path):
             yield node.module.split(".")[0]
 
 
-@pytest.mark.parametrize("module", ["rled_sim", "rled_sim.kinematics", "rled_sim.robots", "rled_sim.tasks"])
+@pytest.mark.parametrize(
+    "module", ["rled_sim", "rled_sim.kinematics", "rled_sim.robots", "rled_sim.tasks", "rled_sim.limits"]
+)
 def test_module_loads_neither_pybullet_nor_ros(module):
     command = [sys.executable, "-c", LOADED.format(module)]
     assert subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip() == ""

@@ -1,0 +1,59 @@
+"""What the node's parameters say of limits and time."""
+
+import pytest
+from rled_msgs_py.errors import RledError
+from rled_msgs_py.limits import NO_LIMITS, Zone
+from rled_sim.robots import ROBOTS
+from rled_sim.sim_params import SimParams, limits_of
+
+PLANAR = ROBOTS["planar"]
+
+
+def test_no_limit_is_on_by_default():
+    assert limits_of(SimParams(), PLANAR) == NO_LIMITS
+
+
+def test_limits_are_those_of_the_robot_and_what_is_said():
+    limits = limits_of(
+        SimParams(joint_margin=0.25, velocity_share=0.5, acceleration=20.0, collisions=True), PLANAR
+    )  # elbow 0 to 3 rad, 6 rad/s
+    assert (limits.joint_lower[1], limits.joint_upper[1]) == (0.25, 2.75)
+    assert limits.velocity == (3.0, 3.0)
+    assert limits.acceleration == (20.0, 20.0)
+    assert limits.collisions
+
+
+def test_workspace_and_zones_are_written_as_words():
+    params = SimParams(
+        workspace="-1 -1 0  1 1 1.5", keep_out="sphere 0.5 0 0.3 0.1; box 0 0 0 1 2 3 ;cylinder 0.4 0 0.5 0.1 1;"
+    )
+    limits = limits_of(params, PLANAR)
+    assert (limits.tip_lower, limits.tip_upper) == ((-1.0, -1.0, 0.0), (1.0, 1.0, 1.5))
+    assert limits.keep_out == (
+        Zone("sphere", (0.5, 0.0, 0.3), (0.1,)),
+        Zone("box", (0.0, 0.0, 0.0), (1.0, 2.0, 3.0)),
+        Zone("cylinder", (0.4, 0.0, 0.5), (0.1, 1.0)),
+    )
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"workspace": "0 0 0 1 1"}, "tip_lower"),
+        ({"workspace": "0 0 0 1 1 nan"}, "finite"),
+        ({"workspace": "0 0 0 1 1 high"}, "numbers of '0 0 0 1 1 high'"),
+        ({"keep_out": "cone 0 0 0 1"}, "accepted: box, sphere, cylinder"),
+        ({"keep_out": "sphere 0 0"}, "centre"),
+        ({"keep_out": "sphere 0 0 0 1 1"}, "size of a sphere"),
+        ({"joint_margin": 1.0, "keep_out": "sphere 0 0 0 -1"}, "more than 0"),
+    ],
+)
+def test_limits_that_cannot_be_read_are_refused(given, said):
+    with pytest.raises(RledError, match=said):
+        limits_of(SimParams(**given), PLANAR)
+
+
+def test_a_command_may_be_two_periods_late_unless_said_otherwise():
+    assert SimParams().rules().command_timeout == 40_000_000
+    assert SimParams(period=0.002).rules().command_timeout == 4_000_000
+    assert SimParams(command_timeout=0.5).rules().command_timeout == 500_000_000
