@@ -1,6 +1,7 @@
 """Recording: record_demos, sim_node and teleop_scripted as processes of their own, and the bags that come of it."""
 
 import json
+import random
 import re
 import resource
 import signal
@@ -17,9 +18,10 @@ import rclpy
 from mcap.reader import make_reader
 from rclpy.executors import SingleThreadedExecutor
 from rled_msgs_py.bags import Bag, repair
-from rled_msgs_py.node import fresh_context, spin_until, subscribe
+from rled_msgs_py.convert import to_msg
+from rled_msgs_py.node import advertise, fresh_context, spin_until, subscribe
 from rled_msgs_py.processes import program
-from rled_msgs_py.records import Level
+from rled_msgs_py.records import Health, Level
 from rled_msgs_py.topics import (
     DIAGNOSTICS,
     EE_POSE,
@@ -85,7 +87,7 @@ def await_that(condition: Callable[[], bool], what: str) -> None:
 
 
 def grows_beyond(bag: Path, size: int) -> Callable[[], bool]:
-    return lambda: sum(each.stat().st_size for each in bag.glob("*.mcap")) > size
+    return lambda: sum(each.stat().st_size for each in bag.glob("*.mcap*")) > size
 
 
 def messages(bag: Path) -> list[tuple[str, int, bytes]]:
@@ -286,6 +288,11 @@ class Person:
         subscribe(self._node, topic, records.append)
         return records
 
+    def speaker(self, topic: Topic) -> Callable[[Any], None]:
+        """Publishes records on a topic."""
+        publisher = advertise(self._node, topic)
+        return lambda record: publisher.publish(to_msg(record))
+
     def await_that(self, condition: Callable[[], bool], what: str) -> None:
         spin_until(self._executor, condition, PATIENCE, what)
 
@@ -403,14 +410,21 @@ def test_a_recording_beside_another_leaves_it_alone(tmp_path: Path) -> None:
 
 
 def test_a_full_disk_ends_the_recording_loudly_and_keeps_what_was_written(tmp_path: Path, ros_domain: int) -> None:
-    path = tmp_path / "bag"
+    path, limit = tmp_path / "bag", 1_500_000  # DDS has files of its own in memory, of half a megabyte
+    noise = random.Random(0)
     with closing(Person(ros_domain)) as person:
-        reports = person.listen(DIAGNOSTICS)
-        with closing(recorder(path, *SCRIPTED, "--trajectories", "100000")) as recording:
-            person.await_that(lambda: any("record_demos" in each.name for each in reports), "its first report")
-            limit = sum(each.stat().st_size for each in path.iterdir()) + 100_000
+        reports, say = person.listen(DIAGNOSTICS), person.speaker(DIAGNOSTICS)
+
+        def fill_until_it_fails() -> bool:
+            say(Health(0, Level.OK, "filler", "", {"noise": noise.randbytes(10_000).hex()}))
+            return any(each.level is Level.ERROR for each in reports)
+
+        arguments = (*SCRIPTED, "--trajectories", "100000", "--topics", "/diagnostics")
+        with closing(recorder(path, *arguments)) as recording:
+            await_that(path.exists, "the folder")
             resource.prlimit(recording.process.pid, resource.RLIMIT_FSIZE, (limit, limit))
-            person.await_that(lambda: any(each.level is Level.ERROR for each in reports), "a report")
+            person.await_that(lambda: any(int(each.values.get("messages", 0)) > 500 for each in reports), "messages")
+            person.await_that(fill_until_it_fails, "its last report")
             code, _, err = recording.end()
     assert code == 2
     assert "RECORDING STOPPED" in err
