@@ -17,7 +17,7 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
     ],
-    install_requires=["numpy", "pyyaml", "rled_msgs_py", "rled_sim", "tqdm", "tyro"],
+    install_requires=["numpy", "pyyaml", "rled_msgs_py", "rled_sim", "tqdm", "tyro", "viser", "websockets", "yourdfpy"],
     extras_require={"gamepad": ["evdev-binary"]},
     zip_safe=False,
     entry_points={
@@ -28,6 +28,7 @@ setup(
             "teleop_gamepad = rled_teleop.teleop_gamepad:main",
             "teleop_kinesthetic = rled_teleop.teleop_kinesthetic:main",
             "replay_demos = rled_teleop.replay_demos:main",
+            "teleop_web = rled_teleop.teleop_web:main",
             "record_demos = rled_teleop.record_demos:main",
         ]
     },

@@ -32,6 +32,11 @@ class RecorderClient:
         self._clients = {name: node.create_client(kind, f"{recorder}/{name}") for name, kind in kinds.items()}
         self.answer = "nothing asked yet"
 
+    @property
+    def is_ready(self) -> bool:
+        """Whether a recorder answers."""
+        return bool(self._clients["record"].service_is_ready())
+
     def ask(self, request: Request) -> None:
         """Send a request; ``answer`` changes when the recorder has answered."""
         _, name, message = SERVICES[request]

@@ -1,0 +1,94 @@
+"""Who gets the page at all: decided for each request, before anything is served."""
+
+import hashlib
+import hmac
+from collections.abc import Mapping
+from dataclasses import dataclass
+from ipaddress import ip_address
+from typing import NamedTuple
+from urllib.parse import parse_qs, urlsplit
+
+from rled_msgs_py.errors import RledError
+
+SHORTEST_TOKEN = 12
+COOKIE = "rled_teleop_web"
+
+
+class Verdict(NamedTuple):
+    """What becomes of a request.
+
+    Attributes:
+        allowed: it is served.
+        reason: why it is not.
+        cookie: to be set before the browser asks again without the token in its address; empty for none.
+    """
+
+    allowed: bool
+    reason: str = ""
+    cookie: str = ""
+
+
+@dataclass(frozen=True)
+class Access:
+    """The rules.
+
+    Without a token only a page that was called by a name of this machine is served, so that no web site can reach it
+    by a name of its own (DNS rebinding). A WebSocket that another site opens is refused, with a token or without.
+
+    Attributes:
+        token: the word that opens the page; empty for none.
+    """
+
+    token: str = ""
+
+    def verdict(self, target: str, headers: Mapping[str, str]) -> Verdict:
+        """Judge a request.
+
+        Args:
+            target: path and query.
+            headers: of the request, found by any spelling of their names.
+        """
+        host = headers.get("Host", "")
+        origin = headers.get("Origin")
+        if headers.get("Upgrade", "").lower() == "websocket" and origin and urlsplit(origin).netloc != host:
+            return Verdict(False, "this WebSocket was opened by another site")
+        if not self.token:
+            name = urlsplit(f"//{host}").hostname or ""
+            return Verdict(True) if is_loopback(name) else Verdict(False, f"called as '{name}', not as localhost")
+        given = parse_qs(urlsplit(target).query).get("token")
+        if given is not None:
+            right = hmac.compare_digest(given[-1].encode(), self.token.encode())
+            return Verdict(right, "" if right else "wrong token", self._cookie() if right else "")
+        if any(hmac.compare_digest(each.encode(), self._cookie().encode()) for each in _cookies(headers)):
+            return Verdict(True)
+        return Verdict(False, "open the page with ?token=... as printed when it started")
+
+    def _cookie(self) -> str:
+        return f"{COOKIE}={hashlib.sha256(self.token.encode()).hexdigest()}"
+
+
+def _cookies(headers: Mapping[str, str]) -> list[str]:
+    return [each.strip() for each in headers.get("Cookie", "").split(";")]
+
+
+def is_loopback(name: str) -> bool:
+    """Whether a host name or address means this machine alone."""
+    if name == "localhost":
+        return True
+    try:
+        return ip_address(name).is_loopback
+    except ValueError:
+        return False
+
+
+def access_for(host: str, token: str) -> Access:
+    """The rules for a page bound to an address.
+
+    Raises:
+        RledError: it would be open to other machines without a token, or the token is easily guessed.
+    """
+    if not token and not is_loopback(host):
+        raise RledError(f"the page would be open to everybody at {host}", "", "give --token WORD, or --host 127.0.0.1")
+    if token and len(token) < SHORTEST_TOKEN:
+        raise RledError(f"a token of {len(token)} characters", f"{SHORTEST_TOKEN} or more", "try: openssl rand -hex 16")
+    return Access(token)

@@ -1,0 +1,126 @@
+"""The episodes of the running recording, with their quality as soon as they have ended."""
+
+from dataclasses import dataclass, replace
+from threading import Lock
+
+import numpy as np
+from rled_msgs_py.bags.episodes import Episode, legs
+from rled_msgs_py.bags.quality import Quality, qualities
+from rled_msgs_py.bags.timeline import Timeline
+from rled_msgs_py.records import DeltaCommand
+from rled_msgs_py.task import TaskDescription
+from rled_msgs_py.tick import Tick
+
+MOST_TICKS = 60_000
+"""Ticks of one episode that its quality is measured from; later ones are left out."""
+MOST_EPISODES = 500
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One episode.
+
+    Attributes:
+        number: as the recorder counts.
+        state: ``recording``, ``ended``, ``keep`` or ``discard``.
+        outcome: in the recorder's words.
+        seconds: how long (s of simulation time).
+        quality: None until it has been measured.
+    """
+
+    number: int
+    state: str = "recording"
+    outcome: str = ""
+    seconds: float = 0.0
+    quality: Quality | None = None
+
+
+class EpisodeLog:
+    """Follows the recorder's events, and the ticks and displacements between them. All methods are thread-safe."""
+
+    def __init__(self) -> None:
+        self._lock = Lock()
+        self._entries: dict[int, Entry] = {}
+        self._ticks: list[Tick] = []
+        self._deltas: dict[int, DeltaCommand] = {}
+        self._running = False
+        self._to_measure: tuple[int, list[Tick], dict[int, DeltaCommand]] | None = None
+
+    def add_event(self, event: str, number: int, outcome: str) -> None:
+        """An episode begins (``start``), ends (``stop``), is worth something or not (``keep``, ``discard``)."""
+        with self._lock:
+            if event == "start":
+                if number in self._entries:  # another recorder counts from 0
+                    self._entries.clear()
+                self._entries[number] = Entry(number)
+                self._ticks, self._deltas, self._running = [], {}, True
+                while len(self._entries) > MOST_EPISODES:
+                    del self._entries[next(iter(self._entries))]
+            elif (entry := self._entries.get(number)) is not None:
+                if event == "stop":
+                    self._end(entry, outcome)
+                else:
+                    self._entries[number] = replace(entry, state=event, outcome=outcome or entry.outcome)
+
+    def _end(self, entry: Entry, outcome: str) -> None:
+        ticks, self._running = self._ticks, False
+        seconds = (ticks[-1].stamp - ticks[0].stamp) * 1e-9 if ticks else 0.0
+        self._entries[entry.number] = replace(entry, state="ended", outcome=outcome, seconds=seconds)
+        self._to_measure = (entry.number, ticks, self._deltas)
+
+    def add_tick(self, tick: Tick) -> None:
+        """Take a tick."""
+        with self._lock:
+            if self._running and len(self._ticks) < MOST_TICKS:
+                self._ticks.append(tick)
+
+    def add_delta(self, command: DeltaCommand) -> None:
+        """Take the displacement that answers a tick."""
+        with self._lock:
+            if self._running and len(self._deltas) < MOST_TICKS:
+                self._deltas[command.stamp] = command
+
+    def entries(self) -> list[Entry]:
+        """All episodes, in order."""
+        with self._lock:
+            return list(self._entries.values())
+
+    @property
+    def running(self) -> bool:
+        """An episode is being recorded."""
+        return self._running
+
+    @property
+    def has_unmeasured(self) -> bool:
+        """An episode has ended whose quality is not known."""
+        return self._to_measure is not None
+
+    def measure(self, task: TaskDescription) -> None:
+        """Measure the episode that ended last, if that has not been done; takes a moment."""
+        with self._lock:
+            waiting, self._to_measure = self._to_measure, None
+        if waiting is None or not waiting[1]:
+            return
+        number, ticks, deltas = waiting
+        quality = quality_of(task, ticks, deltas)
+        with self._lock:
+            if number in self._entries:
+                self._entries[number] = replace(self._entries[number], quality=quality)
+
+
+def quality_of(task: TaskDescription, ticks: list[Tick], deltas: dict[int, DeltaCommand]) -> Quality:
+    """The measures of one episode by itself; what contradicts others shows in the whole bag only."""
+    names = task.joint_names
+    nothing = np.full(len(names), np.nan)
+    line = Timeline(
+        moments=np.array([each.stamp for each in ticks], dtype=np.int64),
+        q=np.array([each.joints.ordered(names).position for each in ticks]),
+        position=np.array([each.ee.position for each in ticks]),
+        target=np.array([each.target.position for each in ticks]),
+        episode=np.array([each.status.episode for each in ticks]),
+        step=np.array([each.status.step for each in ticks]),
+        reached=np.array([each.status.targets_reached for each in ticks]),
+        action=np.array([deltas[t.stamp].ordered(names).delta if t.stamp in deltas else nothing for t in ticks]),
+    )
+    whole = Episode(0, int(line.moments[0]), int(line.moments[-1]), tuple(legs(line, [])))
+    return qualities(task, line, [whole])[0]

@@ -1,0 +1,120 @@
+"""Everything that ``teleop_web`` runs: the node, the page in threads of its own, and what a user wants started."""
+
+import shlex
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from threading import Event, Thread
+from typing import TYPE_CHECKING
+
+from rclpy.experimental import EventsExecutor
+from rled_msgs_py.processes import Children, program
+
+from rled_teleop.web.access import access_for
+from rled_teleop.web_params import WebParams
+
+if TYPE_CHECKING:
+    from rled_teleop.teleop_web import TeleopWeb
+
+SPIN = 0.05
+"""Longest wait for a message before signals, children and page are looked at again (s)."""
+
+
+class PageThread:
+    """The page, whose libraries take a second to import, beside the node.
+
+    Args:
+        node: that it belongs to.
+    """
+
+    def __init__(self, node: "TeleopWeb") -> None:
+        self._stop = Event()
+        self._error: BaseException | None = None
+        self._thread = Thread(target=self._run, args=(node,), name="page")
+        self._thread.start()
+
+    def check(self) -> None:
+        """Hand on what ended the page.
+
+        Raises:
+            BaseException: whatever it was.
+        """
+        if self._error is not None:
+            raise self._error
+
+    def close(self) -> None:
+        """End the page."""
+        self._stop.set()
+        self._thread.join()
+
+    def _run(self, node: "TeleopWeb") -> None:
+        try:
+            self._serve(node)
+        except BaseException as error:  # raised again by check, in the thread that can end the program
+            self._error = error
+
+    def _serve(self, node: "TeleopWeb") -> None:
+        from rled_teleop.web.page import Page
+
+        params = node.params
+        access = access_for(params.host, params.token)
+        page = Page(params.host, params.port, access, node.watched, node.control, Path(params.output))
+        print(f"page: {address(params)}", flush=True)
+        try:
+            page.run(self._stop)
+        finally:
+            page.close()
+
+
+def address(params: WebParams) -> str:
+    """Where a browser finds the page."""
+    host = f"[{params.host}]" if ":" in params.host else params.host
+    return f"http://{host}:{params.port}/" + (f"?token={params.token}" if params.token else "")
+
+
+def serve(node: "TeleopWeb", stop: Event) -> None:
+    """Serve until SIGINT or SIGTERM.
+
+    Raises:
+        RledError: a mistake in the parameters, or a child process failed.
+    """
+    params = node.params
+    access_for(params.host, params.token)
+    with Children() as children:
+        _start(children, params)
+        page = PageThread(node)
+
+        def check() -> None:
+            children.check()
+            page.check()
+
+        try:
+            _spin(node, stop, check)
+        finally:
+            page.close()
+
+
+def _start(children: Children, params: WebParams) -> None:
+    if params.robot:
+        command = [*program("rled_sim", "sim_node"), "--robot", params.robot, "--mode", "real_time"]
+        endless = [] if params.with_agent else ["--targets-per-episode", "0", "--max-steps", "0"]
+        children.start([*command, "--discovery-wait", "1", *endless, *shlex.split(params.sim_options)])
+    if params.with_agent:
+        name, *options = shlex.split(params.with_agent)
+        beside = Path(sys.executable).parent / name
+        children.start([str(beside) if beside.is_file() else name, *options])
+
+
+def _spin(node: "TeleopWeb", stop: Event, check: Callable[[], None]) -> None:
+    executor = EventsExecutor(context=node.context)
+    executor.add_node(node)
+    due = 0.0
+    try:
+        while not stop.is_set() and node.context.ok():
+            executor.spin_once(timeout_sec=SPIN)
+            if (now := time.monotonic()) >= due:
+                due = now + SPIN
+                check()
+    finally:
+        executor.remove_node(node)

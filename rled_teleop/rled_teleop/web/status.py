@@ -1,0 +1,64 @@
+"""What the page says at the top."""
+
+from html import escape
+
+import numpy as np
+from rled_msgs_py.records import Level
+
+from rled_teleop.web.control import Control
+from rled_teleop.web.watched import Watched
+
+SIM_REPORT = "sim: driver"
+
+
+GREEN, GREY, BLUE, ORANGE, RED = "#16a34a", "#9499a3", "#2563eb", "#ea880c", "#dc2626"
+
+
+def status_text(watched: Watched, control: Control, visitor: int) -> str:
+    """A few lines of HTML for one visitor."""
+    lines = [_who(control, visitor), *_robot(watched), *_warnings(watched)]
+    return f'<div style="padding:0 1em 0.4em;font-size:0.9em;line-height:1.45">{"<br>".join(lines)}</div>'
+
+
+def _spot(colour: str, text: str) -> str:
+    return f'<span style="color:{colour}">&#9679;</span> {text}'
+
+
+def _who(control: Control, visitor: int) -> str:
+    if control.drives(visitor):
+        return _spot(GREEN, "<b>You drive.</b>")
+    if control.visitors.driver is None:
+        return _spot(GREY, "<b>Nobody drives.</b> Press Drive to begin.")
+    return _spot(BLUE, "<b>You watch;</b> another visitor drives.")
+
+
+def _robot(watched: Watched) -> list[str]:
+    task, tick = watched.task, watched.tick
+    if task is None or tick is None:
+        return ["Waiting for a simulation: start <code>sim_node</code>, or this page with <code>--robot panda</code>."]
+    axes = list(task.axes)
+    away = float(np.linalg.norm((tick.target.position - tick.ee.position)[axes]))
+    status = tick.status
+    of = f" of {task.targets_per_episode}" if task.targets_per_episode else ""
+    violations = f", violations {status.violations}" if status.violations else ""
+    return [
+        f"{escape(task.robot)}, episode {status.episode}, step {status.step}, {tick.stamp * 1e-9:.1f} s",
+        f"targets reached {status.targets_reached}{of}, distance {away * 100:.1f} cm{violations}",
+    ]
+
+
+def _warnings(watched: Watched) -> list[str]:
+    said = []
+    health = watched.health(SIM_REPORT)
+    if health is not None and health.level is not Level.OK:
+        said.append(_spot(RED if health.level is Level.ERROR else ORANGE, escape(health.message)))
+    elif health is not None and health.message == "paused":
+        said.append(_spot(ORANGE, "paused"))
+    seen = watched.seen
+    if seen.beside and seen.others:
+        said.append(f"driven by {escape(', '.join(seen.others))}")
+    if watched.log.running:
+        said.append(_spot(RED, "<b>recording</b>"))
+    if seen.answer:
+        said.append(f"<i>{escape(seen.answer)}</i>")
+    return said
