@@ -7,6 +7,7 @@ from operator import attrgetter
 from typing import Any, Literal
 
 from rled_msgs_py.errors import RledError
+from rled_sim.faults import Faults
 
 from rled_agent.learner import LearnerConfig
 from rled_agent.networks import Architecture
@@ -88,6 +89,8 @@ class TrainConfig:
     behaviour: BehaviourConfig = field(default_factory=BehaviourConfig)
     schedule: ScheduleConfig = field(default_factory=ScheduleConfig)
     learner: LearnerConfig = field(default_factory=LearnerConfig)
+    faults: Faults = field(default_factory=Faults)
+    """on purpose, of this project's environments in process; over the graph they are sim_node's"""
 
     def __post_init__(self) -> None:
         require_ranges(self, RANGES)
@@ -116,6 +119,7 @@ class TrainConfig:
                 behaviour=BehaviourConfig(**values["behaviour"]),
                 schedule=ScheduleConfig(**values["schedule"]),
                 learner=LearnerConfig(**values["learner"] | networks),
+                faults=Faults(**values.get("faults", {})),
             )
         except (KeyError, TypeError) as error:
             raise ConfigError(f"settings of another version ({error})", "those of this version's train_agent") from None

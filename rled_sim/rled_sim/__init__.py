@@ -6,5 +6,5 @@ ROS is loaded before an environment is made or the node starts.
 
 from gymnasium.envs.registration import register
 
-register("rled/PandaReach-v0", entry_point="rled_sim.envs:ReachEnv", kwargs={"robot": "panda"})
-register("rled/PlanarReach-v0", entry_point="rled_sim.envs:ReachEnv", kwargs={"robot": "planar"})
+register("rled/PandaReach-v0", entry_point="rled_sim.faulty_env:make_reach", kwargs={"robot": "panda"})
+register("rled/PlanarReach-v0", entry_point="rled_sim.faulty_env:make_reach", kwargs={"robot": "planar"})

@@ -10,6 +10,7 @@ from rled_msgs_py.records import DeltaCommand
 from rled_msgs_py.tick import Tick
 
 from rled_sim.commands import Code, Refused, displacement
+from rled_sim.faults import NO_FAULTS, Faults, Line
 from rled_sim.simulation import Simulation
 from rled_sim.ticks import tick_of
 
@@ -44,6 +45,7 @@ class Driver:
         number: episodes begun before this one.
         paused: simulation time stands still.
         stopped: the emergency stop is on.
+        line: the way of commands and ticks, with its faults.
     """
 
     def __init__(
@@ -53,6 +55,7 @@ class Driver:
         seed: int,
         give: Callable[[Tick], None],
         taken: Callable[[], None] = lambda: None,
+        faults: Faults = NO_FAULTS,
     ) -> None:
         """Wire a driver; ``begin`` gives the first tick.
 
@@ -62,20 +65,25 @@ class Driver:
             seed: of every random draw.
             give: called with each tick.
             taken: called when a command is taken, before it is carried out.
+            faults: between commands and simulation, and between simulation and ticks.
         """
         self.rules = rules
         self.stamp, self.number = -simulation.task.description.period, -1
         self.paused = self.stopped = False
         self._simulation, self._give, self._taken = simulation, give, taken
         self._rng = np.random.default_rng(seed)
+        self.line = Line(faults, simulation.task.description, simulation.world.robot.chain.position)
+        self.line.seed(seed)
         self._pending: list[float] | None = None
         self._answered = -1
+        self._still = [0.0] * simulation.task.description.action_size
 
     def begin(self) -> None:
         """Begin the next episode."""
         self.number += 1
         self._answered, self._pending = self.stamp, None
         self._simulation.reset(self._rng)
+        self.line.begin()
         self._tick(0.0)
 
     def reset(self, seed: int | None = None) -> None:
@@ -88,6 +96,7 @@ class Driver:
             raise RledError("the emergency stop is on", "", "release it first")
         if seed is not None:
             self._rng = np.random.default_rng(seed)
+            self.line.seed(seed)
         self.begin()
 
     def command(self, command: DeltaCommand) -> None:
@@ -125,15 +134,17 @@ class Driver:
         self.stopped, self._pending = on, None
         if on:
             self._simulation.world.halt()
+            self.line.halt()
         elif released and self.rules.mode == "lockstep":
             self._hold()
 
     def _advance(self) -> None:
-        delta, self._pending = self._pending, None
-        if delta is None:
+        command, self._pending = self._pending, None
+        delta = None if self._simulation.episode.over else self.line.act(command)
+        if delta is None and self.rules.mode == "real_time":
             self._hold()
             return
-        outcome = self._simulation.step(delta)
+        outcome = self._simulation.step(delta or self._still)  # in lockstep a step waits for each command, lost or not
         self._tick(outcome.reward)
         if self._simulation.episode.over and self.rules.auto_reset:
             self.begin()
@@ -144,7 +155,7 @@ class Driver:
 
     def _tick(self, reward: float) -> None:
         self.stamp += self._simulation.task.description.period
-        self._give(tick_of(self._simulation, self.stamp, self.number, reward))
+        self._give(self.line.see(tick_of(self._simulation, self.stamp, self.number, reward)))
 
     def _require_moving(self) -> None:
         if self.stopped:

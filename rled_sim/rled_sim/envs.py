@@ -68,7 +68,7 @@ class ReachEnv(gymnasium.Env[Floats, Floats]):
         self.task = task.description
         self._period = self.task.period * 1e-9
         world = World(chosen, transition, self._period, gui)
-        self._simulation = Simulation(world, task, start_joints)
+        self.simulation = Simulation(world, task, start_joints)
         self._axes, self._relative = self.task.axes, self.task.observation == "displacement_and_joints"
         lower, upper = self.task.observation_bounds()
         self.observation_space = gymnasium.spaces.Box(lower.astype(np.float32), upper.astype(np.float32))
@@ -78,13 +78,13 @@ class ReachEnv(gymnasium.Env[Floats, Floats]):
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Floats, dict[str, Any]]:
         """Begin an episode; a seed begins the random draws anew."""
         super().reset(seed=seed)
-        self._simulation.reset(self.np_random)
+        self.simulation.reset(self.np_random)
         self._show()
         return self._observation(), self._info()
 
     def step(self, action: Floats) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
         """Displace the joints by ``action`` (rad), shape (n,)."""
-        reward, terminated, truncated = self._simulation.step(action.tolist())
+        reward, terminated, truncated = self.simulation.step(action.tolist())
         if self.render_mode == "human":
             self._show()
         return self._observation(), reward, terminated, truncated, self._info()
@@ -93,35 +93,35 @@ class ReachEnv(gymnasium.Env[Floats, Floats]):
         """A picture, shape (480, 640, 3); nothing in the mode ``human``, whose window is always up to date."""
         if self.render_mode != "rgb_array":
             return None
-        self._simulation.world.show_target(self._simulation.episode.target)
-        return self._simulation.world.picture()
+        self.simulation.world.show_target(self.simulation.episode.target)
+        return self.simulation.world.picture()
 
     def close(self) -> None:
         """Close the world."""
-        self._simulation.world.close()
+        self.simulation.world.close()
 
     def _observation(self) -> Floats:
         # TaskDescription.observe with plain numbers: the same bits (a test), without numpy's cost per call.
-        world, target = self._simulation.world, self._simulation.episode.target
+        world, target = self.simulation.world, self.simulation.episode.target
         tip = world.position
         if self._relative:
             return np.array([target[axis] - tip[axis] for axis in self._axes] + world.q, np.float32)
         return np.array([point[axis] for point in (tip, target) for axis in self._axes], np.float32)
 
     def _info(self) -> dict[str, Any]:
-        episode = self._simulation.episode
+        episode = self.simulation.episode
         info: dict[str, Any] = {
             "targets_reached": episode.targets_reached,
             "violations": episode.violations,
             "risky": episode.risky,
         }
-        if self._simulation.world.physical:
-            info["contacts"] = self._simulation.world.contacts()
-        if self._simulation.refused is not None:
-            info["refused"] = self._simulation.refused.name
+        if self.simulation.world.physical:
+            info["contacts"] = self.simulation.world.contacts()
+        if self.simulation.refused is not None:
+            info["refused"] = self.simulation.refused.name
         return info
 
     def _show(self) -> None:
         if self.render_mode == "human":
-            self._simulation.world.show_target(self._simulation.episode.target)
+            self.simulation.world.show_target(self.simulation.episode.target)
             time.sleep(self._period)

@@ -48,7 +48,9 @@ class SimNode(Node):
         _require_alone(self, params.discovery_wait)
         self._simulation = simulation_of(params)
         self._report, self._view = Report(), View(self._simulation.task.targets.tolist())
-        self._driver = Driver(self._simulation, params.rules(), params.seed, self._publish, self._report.accepted)
+        self._driver = Driver(
+            self._simulation, params.rules(), params.seed, self._publish, self._report.accepted, params
+        )
         self._seed: int | None = None  # set since the last reset, be it to the same value
         self.add_post_set_parameters_callback(self._on_set)
         self._outputs = [advertise(self, topic) for topic in STATE_TOPICS]
@@ -108,6 +110,7 @@ class SimNode(Node):
 
     def _on_change(self, params: SimParams) -> None:
         self._driver.rules = params.rules()
+        self._driver.line.configure(params)
 
     def _on_set(self, parameters: list[Parameter]) -> None:
         for each in parameters:

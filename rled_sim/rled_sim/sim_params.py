@@ -10,6 +10,7 @@ from rled_msgs_py.limits import Limits, Zone
 from rled_msgs_py.params import param
 
 from rled_sim.driver import Rules
+from rled_sim.faults import Faults, hidden_names
 from rled_sim.robots import ROBOTS, Robot, robot_named
 from rled_sim.simulation import Simulation
 from rled_sim.starts import marked_joints
@@ -22,9 +23,7 @@ def _fixed(default: Any, description: str, **limits: Any) -> Any:
 
 
 @dataclass(frozen=True)
-class SimParams:
-    """Parameters of the simulation node; those that a running node takes stand last."""
-
+class _OwnParams:
     robot: str = _fixed("panda", "robot to simulate", choices=tuple(ROBOTS))
     mode: str = _fixed(
         "lockstep",
@@ -64,6 +63,15 @@ class SimParams:
     command_timeout: float = param(
         0.0, "real time: oldest state that a command may answer (s); 0: two periods", low=0.0, high=10.0
     )
+
+
+@dataclass(frozen=True)
+class SimParams(Faults, _OwnParams):
+    """Parameters of the simulation node: its own, those that a running node takes last, then the faults."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        hidden_names(self.hidden, robot_named(self.robot).joint_names)
 
     def rules(self) -> Rules:
         """What of them the driver needs."""

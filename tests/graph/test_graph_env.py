@@ -95,7 +95,7 @@ def test_random_transitions_of_a_seed_are_those_in_process_bit_for_bit(both) -> 
 
 def test_transitions_that_reach_targets_are_those_in_process_bit_for_bit(both) -> None:
     over, inside = both
-    task, simulation = over.task, inside.unwrapped._simulation
+    task, simulation = over.task, inside.unwrapped.simulation
 
     def towards_the_target() -> np.ndarray:
         q, target = np.array(simulation.world.q), simulation.episode.target

@@ -67,7 +67,7 @@ def test_reset_without_a_seed_goes_on_with_the_draws(make):
 def test_observation_equals_the_description_of_the_task(make, name):
     env = make(name)
     observation, _ = env.reset(seed=0)
-    inside, task = env.unwrapped._simulation, env.unwrapped.task
+    inside, task = env.unwrapped.simulation, env.unwrapped.task
     for _ in range(50):
         q, position, target = (
             np.array(each) for each in (inside.world.q, inside.world.position, inside.episode.target)
@@ -188,7 +188,7 @@ def test_a_limit_makes_the_robot_stay_and_the_step_count(make):
     after, _, _, _, info = env.step(np.array([-0.04, 0.0], np.float32))
     assert "refused" not in info
     assert not np.array_equal(after, before)
-    assert env.unwrapped._simulation.episode.steps == 2
+    assert env.unwrapped.simulation.episode.steps == 2
 
 
 def test_limits_off_change_no_bit_and_wide_ones_neither(make):
@@ -212,7 +212,7 @@ def test_the_robot_is_not_sent_into_the_floor_where_collisions_are_limited(make,
     refused = []
     for _ in range(80):
         *_, info = env.step(np.array([0, 0.04, 0, 0, 0, 0, 0], np.float32))
-        world = env.unwrapped._simulation.world
+        world = env.unwrapped.simulation.world
         assert world.touches(np.array(world.set_point)) == {}  # physics may carry the motors a little further
         refused.append(info.get("refused"))
     assert refused[0] is None
