@@ -90,7 +90,7 @@ class TrainConfig:
     schedule: ScheduleConfig = field(default_factory=ScheduleConfig)
     learner: LearnerConfig = field(default_factory=LearnerConfig)
     faults: Faults = field(default_factory=Faults)
-    """on purpose, of this project's environments in process; over the graph they are sim_node's"""
+    """on purpose, in process, see sim_node --help; over the graph they are those of sim_node"""
 
     def __post_init__(self) -> None:
         require_ranges(self, RANGES)
