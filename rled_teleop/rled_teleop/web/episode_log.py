@@ -122,5 +122,6 @@ def quality_of(task: TaskDescription, ticks: list[Tick], deltas: dict[int, Delta
         reached=np.array([each.status.targets_reached for each in ticks]),
         action=np.array([deltas[t.stamp].ordered(names).delta if t.stamp in deltas else nothing for t in ticks]),
     )
-    whole = Episode(0, int(line.moments[0]), int(line.moments[-1]), tuple(legs(line, [])))
+    ways = tuple(leg for leg in legs(line, []) if leg.first < leg.last)
+    whole = Episode(0, int(line.moments[0]), int(line.moments[-1]), ways)
     return qualities(task, line, [whole])[0]

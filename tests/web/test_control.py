@@ -1,0 +1,184 @@
+"""Permission and deadman, with a clock that stands still."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rled_sim.robots import ROBOTS
+from rled_sim.tasks import reach_task
+from rled_teleop.jog import Jog
+from rled_teleop.web.control import PATIENCE, Control
+from rled_teleop.web.wish import Follow, Move, Turn, delta
+
+ROBOT = ROBOTS["planar"]
+TASK = reach_task(ROBOT).description
+JOG = Jog(TASK, ROBOT.chain)
+HOME = np.array(ROBOT.home)
+
+
+class Clock:
+    def __init__(self) -> None:
+        self.now = 1000.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+@pytest.fixture
+def control(clock: Clock) -> Control:
+    return Control(0.5, clock)
+
+
+def moves(control: Control) -> bool:
+    wanted = control.steer(JOG, HOME)
+    return wanted is not None and bool(wanted.any())
+
+
+def test_first_visitor_drives_and_the_second_watches(control: Control) -> None:
+    control.arrive(1)
+    control.arrive(2)
+    control.wish(2, Move((1.0, 0.0, 0.0)))
+    assert not moves(control)
+    control.wish(1, Move((1.0, 0.0, 0.0)))
+    assert moves(control)
+
+
+def test_a_wish_ends_when_it_is_not_renewed(control: Control, clock: Clock) -> None:
+    control.arrive(1)
+    control.wish(1, Move((1.0, 0.0, 0.0)))
+    clock.now += 0.49
+    assert moves(control)
+    clock.now += 0.01
+    assert control.steer(JOG, HOME) is None
+
+
+def test_a_held_pointer_keeps_the_wish_and_an_idle_one_does_not(control: Control, clock: Clock) -> None:
+    control.arrive(1)
+    control.wish(1, Move((1.0, 0.0, 0.0)))
+    for _ in range(10):
+        clock.now += 0.3
+        control.hear(1, holds=True)
+        assert moves(control)
+    clock.now += 0.3
+    control.hear(1, holds=False)
+    clock.now += 0.3
+    assert not moves(control)
+
+
+def test_a_wish_that_has_ended_is_not_brought_back_by_a_late_sign_of_life(control: Control, clock: Clock) -> None:
+    control.arrive(1)
+    control.wish(1, Move((1.0, 0.0, 0.0)))
+    clock.now += 0.6
+    assert not moves(control)
+    control.hear(1, holds=True)
+    assert not moves(control)
+
+
+@pytest.mark.parametrize(
+    "end", [Control.release, Control.leave, Control.let_go, lambda control, visitor: control.stop()]
+)
+def test_releasing_leaving_letting_go_and_the_stop_end_the_wish_at_once(control: Control, end: object) -> None:
+    control.arrive(1)
+    control.wish(1, Move((1.0, 0.0, 0.0)))
+    end(control, 1)  # type: ignore[operator]
+    assert control.steer(JOG, HOME) is None
+
+
+def test_another_visitor_takes_over_only_from_nobody_or_from_the_silent(control: Control, clock: Clock) -> None:
+    control.arrive(1)
+    control.arrive(2)
+    assert not control.take(2)
+    control.let_go(1)
+    assert control.take(2)
+    assert not control.take(1)
+    clock.now += PATIENCE
+    assert not control.take(1)
+    clock.now += 0.1
+    control.wish(2, Move((1.0, 0.0, 0.0)), lasts=60.0)  # it speaks again
+    assert not control.take(1)
+    clock.now += PATIENCE + 0.1
+    assert control.take(1)
+    assert not moves(control)
+
+
+def test_nobody_drives_in_the_place_of_who_left_without_asking(control: Control) -> None:
+    control.arrive(1)
+    control.arrive(2)
+    control.leave(1)
+    assert not control.drives(2)
+    assert control.take(2)
+
+
+def test_whoever_has_left_cannot_take(control: Control) -> None:
+    control.arrive(1)
+    control.leave(1)
+    assert not control.take(1)
+
+
+def test_every_visitor_may_stop_and_only_the_driver_may_release(control: Control) -> None:
+    control.arrive(1)
+    control.arrive(2)
+    control.stop()
+    control.ask(2, "release")
+    assert control.asked.take() == {"estop": None}
+    control.ask(1, "release")
+    assert control.asked.take() == {"release": None}
+
+
+def test_a_flood_of_requests_is_one(control: Control) -> None:
+    control.arrive(1)
+    for value in range(10_000):
+        control.ask(1, "threshold", float(value))
+    assert control.asked.take() == {"threshold": 9999.0}
+    assert control.asked.take() == {}
+
+
+def test_taken_over_the_robot_holds_where_nothing_is_wished(control: Control) -> None:
+    control.taken = True
+    wanted = control.steer(JOG, HOME)
+    assert wanted is not None
+    assert not wanted.any()
+
+
+@given(st.lists(st.tuples(st.sampled_from(["arrive", "leave", "let_go", "take"]), st.integers(0, 3)), max_size=40))
+def test_the_driver_is_always_one_of_those_who_are_there(steps: list[tuple[str, int]]) -> None:
+    control, present = Control(0.5, Clock()), set[int]()
+    for what, visitor in steps:
+        if what == "arrive" and visitor in present:
+            continue
+        getattr(control, what)(visitor)
+        if what in ("arrive", "leave"):
+            (present.add if what == "arrive" else present.discard)(visitor)
+        assert control.visitors.driver in {None, *present}
+        assert control.visitors.count == len(present)
+
+
+def test_following_ends_at_the_goal_and_never_exceeds_the_speed() -> None:
+    q, goal = HOME.copy(), (0.55, 0.2, 0.7)
+    for _ in range(300):
+        step = delta(Follow(goal), JOG, q, 0.4)
+        assert np.abs(step).max() <= 0.4 * TASK.max_delta + 1e-12
+        before, q = ROBOT.chain.position(q), q + step
+        assert np.linalg.norm(ROBOT.chain.position(q) - before) <= 0.5 * 0.4 * 0.02 * 1.1
+    assert ROBOT.chain.position(q)[:2] == pytest.approx(goal[:2], abs=1e-3)
+    assert not delta(Follow(goal), JOG, q, 0.4).any()
+
+
+def test_turning_moves_one_joint_to_its_angle() -> None:
+    q = HOME.copy()
+    for _ in range(60):
+        q = q + delta(Turn(1, 1.0), JOG, q, 0.5)
+    assert q == pytest.approx([HOME[0], 1.0])
+
+
+@given(st.floats(-10.0, 10.0))
+def test_turning_stays_within_the_limits(goal: float) -> None:
+    q = HOME.copy()
+    for _ in range(200):
+        q = q + delta(Turn(0, goal), JOG, q, 1.0)
+        assert TASK.joint_lower[0] <= q[0] <= TASK.joint_upper[0]

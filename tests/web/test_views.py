@@ -1,0 +1,167 @@
+"""What is drawn: trail, curves, limits, the robot's links, the list of episodes."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rled_msgs_py.records import Actor, DeltaCommand, GateCode, GateDecision, JointSample, Level, PoseSample, TaskStatus
+from rled_msgs_py.tick import Tick
+from rled_sim.robots import ROBOTS
+from rled_sim.tasks import reach_task
+from rled_teleop.web.curves import DECISIONS, EPISODES, Curves
+from rled_teleop.web.episode_log import EpisodeLog
+from rled_teleop.web.limits import arc, edges
+from rled_teleop.web.robot import Link, load_robot, pose_of, product, quaternion
+from rled_teleop.web.trail import COLOURS, LONGEST, Trail
+from rled_teleop.web.watched import Watched
+
+PLANAR = ROBOTS["planar"]
+TASK = reach_task(PLANAR).description
+
+
+def tick(k: int, x: float, episode: int = 0, step: int = 0, reward: float = 0.0, reached: int = 0) -> Tick:
+    stamp = k * TASK.period
+    q = np.array([x, 1.0])
+    return Tick(
+        JointSample(stamp, TASK.joint_names, q, np.zeros(2)),
+        PoseSample(stamp, "world", np.array([x, 0.0, 0.1])),
+        PoseSample(stamp, "world", np.array([1.0, 0.0, 0.1])),
+        TaskStatus(stamp, episode, step, reward, reached, False, 0, False, False),
+    )
+
+
+def decision(k: int, actor: Actor, uncertainty: float = math.nan) -> GateDecision:
+    return GateDecision(k * TASK.period, Level.OK, actor, "", uncertainty, 0.5, "qcd", 0, 0, GateCode.SURE)
+
+
+def test_each_piece_of_the_trail_has_the_colour_of_who_acted() -> None:
+    watched = Watched()
+    for k, actor in enumerate((Actor.AGENT, Actor.EXPERT, Actor.HUMAN)):
+        watched.on_tick(tick(k, 0.1 * k), wished=False)
+        watched.on_decision(decision(k, actor))
+    watched.on_tick(tick(3, 0.3), wished=False)
+    pieces = watched.pieces()
+    assert pieces.points[:, :, 0] == pytest.approx(np.array([[0.0, 0.1], [0.1, 0.2], [0.2, 0.3]]))
+    wanted = [COLOURS[each] for each in (Actor.AGENT, Actor.EXPERT, Actor.HUMAN)]
+    assert [tuple(each) for each in pieces.colours[:, 0].tolist()] == wanted
+
+
+def test_without_a_gate_a_wish_makes_the_person_the_actor() -> None:
+    watched = Watched()
+    watched.on_tick(tick(0, 0.0), wished=True)
+    watched.on_tick(tick(1, 0.1), wished=False)
+    assert tuple(watched.pieces().colours[0, 0].tolist()) == COLOURS[Actor.HUMAN]
+
+
+def test_the_trail_begins_anew_with_an_episode_or_a_restarted_simulation_and_is_bounded() -> None:
+    trail = Trail()
+    for k in range(LONGEST + 50):
+        trail.add(tick(k, 0.001 * k), Actor.AGENT)
+    assert len(trail.pieces().points) == LONGEST
+    trail.add(tick(10_000, 0.0, episode=1), Actor.AGENT)
+    assert trail.pieces().points.shape == (0, 2, 3)
+    trail.add(tick(10_001, 0.1, episode=1), Actor.AGENT)
+    trail.add(tick(0, 0.0, episode=1), Actor.AGENT)
+    assert not len(trail.pieces().points)
+
+
+def test_curves_sum_rewards_and_shares_of_each_ended_episode() -> None:
+    curves = Curves()
+    for k, (episode, reward, reached) in enumerate([(0, 0.0, 0), (0, -1.0, 0), (0, 9.0, 1), (1, 0.0, 0), (1, -2.0, 0)]):
+        curves.add_tick(tick(k, 0.0, episode, k, reward, reached))
+        curves.add_decision(decision(k, Actor.EXPERT if k == 1 else Actor.AGENT, 0.25))
+    assert np.array(curves.episodes())[:3, 0].tolist() == [0.0, 8.0, 1.0]
+    assert curves.episodes()[3] == pytest.approx([1 / 3])
+    assert curves.decisions()[1].tolist() == [0.25] * 5
+
+
+def test_curves_are_bounded() -> None:
+    curves = Curves()
+    for k in range(2 * DECISIONS):
+        curves.add_tick(tick(k, 0.0, episode=k))
+        curves.add_decision(decision(k, Actor.AGENT, 0.1))
+    assert len(curves.episodes()[0]) == EPISODES
+    assert len(curves.decisions()[0]) == DECISIONS
+
+
+def test_a_box_has_twelve_edges_and_a_flat_one_four() -> None:
+    box = edges(np.zeros(3), np.array([1.0, 2.0, 3.0]))
+    assert box.shape == (12, 2, 3)
+    assert np.linalg.norm(box[:, 1] - box[:, 0], axis=1).sum() == pytest.approx(4 * (1 + 2 + 3))
+    assert edges(np.zeros(3), np.array([1.0, 2.0, 0.0])).shape == (4, 2, 3)
+
+
+def test_an_arc_spans_the_limits_at_one_distance_from_its_joint() -> None:
+    origin = np.eye(4)
+    origin[:3, 3] = (1.0, 2.0, 3.0)
+    link = Link(("a",), "j", origin, np.array([0.0, 0.0, 2.0]), False, ())
+    rim = arc(link, -np.pi / 2, np.pi / 2)[1:-1, 0] - origin[:3, 3]
+    assert rim[:, 2] == pytest.approx(np.zeros(len(rim)), abs=1e-6)
+    assert np.ptp(np.linalg.norm(rim, axis=1)) < 1e-6
+    assert arc(link, -np.pi / 2, np.pi / 2)[-2, 1] - origin[:3, 3] == pytest.approx(-rim[0], abs=1e-6)
+
+
+@pytest.mark.parametrize("name", sorted(ROBOTS))
+def test_links_stand_where_the_kinematics_say(name: str) -> None:
+    robot, model = ROBOTS[name], load_robot(ROBOTS[name].description)
+    assert not model.missing
+    assert sum(len(link.shapes) for link in model.links) >= 3
+    q = np.random.default_rng(0).uniform(-1.0, 1.0, len(robot.joint_names))
+    poses: dict[tuple[str, ...], tuple[np.ndarray, np.ndarray]] = {(): (np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))}
+    for link in model.links:
+        position, turn = pose_of(link, dict(zip(robot.joint_names, q, strict=True)))
+        at, about = poses[link.path[:-1]]
+        w, v = about[0], about[1:]
+        moved = at + position + 2 * np.cross(v, np.cross(v, position) + w * position)
+        poses[link.path] = moved, product(about, turn)
+    tip = next(path for path in poses if path and path[-1] == robot.tip_link)
+    assert poses[tip][0] == pytest.approx(robot.chain.position(q), abs=1e-9)
+
+
+def test_quaternion_of_half_a_turn_about_x() -> None:
+    assert np.abs(quaternion(np.diag([1.0, -1.0, -1.0]))) == pytest.approx([0.0, 1.0, 0.0, 0.0])
+
+
+def test_a_mesh_that_is_not_found_is_named_and_the_rest_is_shown(tmp_path: Path) -> None:
+    urdf = PLANAR.description.replace(
+        "</robot>",
+        '<link name="extra"><visual><geometry><mesh filename="package://nowhere/x.obj"/></geometry></visual></link>'
+        '<joint name="fix" type="fixed"><parent link="tip"/><child link="extra"/></joint></robot>',
+    )
+    model = load_robot(urdf)
+    assert model.missing == ("package://nowhere/x.obj",)
+    assert sum(len(link.shapes) for link in model.links) >= 3
+
+
+def test_an_episode_is_listed_with_its_state_and_measured_when_it_has_ended() -> None:
+    log = EpisodeLog()
+    log.add_event("start", 0, "")
+    assert log.running
+    for k in range(20):
+        log.add_tick(tick(k, 0.01 * k, step=k, reached=int(k == 19)))
+        log.add_delta(DeltaCommand(k * TASK.period, TASK.joint_names, np.array([0.01, 0.0])))
+    log.add_event("stop", 0, "reached")
+    assert [each.state for each in log.entries()] == ["ended"]
+    log.measure(TASK)
+    (entry,) = log.entries()
+    assert entry.quality is not None
+    assert entry.quality.reached == 1.0
+    assert entry.quality.detour == pytest.approx(1.0)
+    assert entry.seconds == pytest.approx(0.38)
+    log.add_event("discard", 0, "reached")
+    assert [each.state for each in log.entries()] == ["discard"]
+
+
+def test_another_recorder_begins_the_list_anew() -> None:
+    log = EpisodeLog()
+    for number in (0, 1, 0):
+        log.add_event("start", number, "")
+    assert [each.number for each in log.entries()] == [0]
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"event": "start"}', '{"event": "start", "episode": "x"}'])
+def test_an_event_that_cannot_be_read_is_left_out(text: str) -> None:
+    watched = Watched()
+    watched.on_event(text)
+    assert watched.log.entries() == []
