@@ -9,6 +9,7 @@ from torch import Tensor
 from rled_agent.adam import Adam
 from rled_agent.networks import Architecture, Network
 from rled_agent.replay import Batch
+from rled_agent.tape import Rows
 
 
 @dataclass(frozen=True)
@@ -70,6 +71,26 @@ class Metrics(NamedTuple):
         return float(self.error.mean() + self.target.mean())
 
 
+class Inputs:
+    """What the networks read in an update: an actor the head of the rows that a critic reads.
+
+    Args:
+        count: b.
+        observation_size: o.
+        action_size: n.
+
+    Attributes:
+        critic: rows (s, a).
+        actor: rows (s).
+        action: a, shape (b, n).
+    """
+
+    def __init__(self, count: int, observation_size: int, action_size: int) -> None:
+        self.critic = Rows.empty(1, count, observation_size + action_size)
+        self.actor = self.critic.head(observation_size)
+        self.action = self.critic.units[0, :, observation_size:]
+
+
 class Learner:
     """Actor, critics, their targets and the update.
 
@@ -85,6 +106,8 @@ class Learner:
     ) -> None:
         self.config, self.generator = config, generator
         self.updates = 0
+        self._sizes = observation_size, action_size
+        self._memory: dict[int, tuple[Inputs, Inputs]] = {}
         inputs = observation_size + action_size
         self.actor = Network(observation_size, action_size, config.actor, generator, squash=True)
         self.critic = Network(inputs, 1, config.critic, generator, members=config.critics)
@@ -96,38 +119,50 @@ class Learner:
     @torch.inference_mode()
     def update(self, batch: Batch) -> Metrics:
         """One gradient step of the critics and, every ``delay`` of them, of actor and targets."""
-        metrics = self._update_critic(batch)
+        before, after = self._inputs(len(batch))
+        metrics = self._update_critic(batch, before, after)
         if (self.updates + 1) % self.config.delay == 0:
-            self._update_actor(batch)
+            self._update_actor(batch, before)
             self._update_targets()
         self.updates += 1
         return metrics
 
-    def _update_critic(self, batch: Batch) -> Metrics:
-        target = self._target(batch)  # (b, 1)
-        q = self.critic.forward(batch.observation, batch.action)  # (e, b, 1)
-        error = q - target  # (e, b, 1)
-        self.critic.backward(error * (2.0 / len(target)))  # Eq. 4.5
+    def _inputs(self, count: int) -> tuple[Inputs, Inputs]:
+        if count not in self._memory:
+            self._memory[count] = Inputs(count, *self._sizes), Inputs(count, *self._sizes)
+        return self._memory[count]
+
+    def _update_critic(self, batch: Batch, before: Inputs, after: Inputs) -> Metrics:
+        pair, reward, terminated, following = batch.parts()
+        after.actor.units.copy_(following)
+        target = self._target(reward, terminated, after)  # (b, 1)
+        before.critic.units.copy_(pair)
+        error = self.critic.forward(before.critic) - target  # (e, b, 1)
+        self.critic.backward(error, 2.0 / len(batch))  # Eq. 4.5
         self.critic_adam.step(self._rate(self.config.critic_rate))  # Eq. 4.6
         return Metrics(error, target)
 
-    def _target(self, batch: Batch) -> Tensor:
+    def _target(self, reward: Tensor, terminated: Tensor, after: Inputs) -> Tensor:
         """Y = r + γ (1 − terminated) min_i Q'_i(s', ã) (Eq. 4.4), shape (b, 1)."""
         config = self.config
-        dropping = self.generator if config.target_dropout else None
-        action = self.target_actor.forward(batch.next_observation, generator=dropping)[0]  # (b, n)
+        action = self.target_actor.forward(after.actor, self.generator if config.target_dropout else None)[0]  # (b, n)
         if config.target_noise:
             noise = torch.empty_like(action).normal_(0.0, config.target_noise, generator=self.generator)
-            action.add_(noise.clamp_(-config.target_clip, config.target_clip)).clamp_(-1.0, 1.0)
-        q = self.target_critic.forward(batch.next_observation, action)  # (e, b, 1)
-        return torch.addcmul(batch.reward, 1.0 - batch.terminated, q.amin(dim=0), value=config.gamma)
+            torch.add(action, noise.clamp_(-config.target_clip, config.target_clip), out=after.action).clamp_(-1.0, 1.0)
+        else:
+            after.action.copy_(action)
+        q = self.target_critic.forward(after.critic).amin(dim=0)  # (b, 1)
+        return torch.add(reward, q, alpha=config.gamma).lerp_(reward, terminated)
 
-    def _update_actor(self, batch: Batch) -> None:
-        action = self.actor.forward(batch.observation, generator=self.generator)[0]  # (b, n)
-        q = self._first_critic.forward(batch.observation, action)[0]  # (b, 1)
-        size = q.abs().mean() if self.config.cloning_weight else 1.0
-        ascent = torch.full_like(q, -1.0 / len(batch)).div_(size)  # gradient of −J_a
-        at_action = self._first_critic.backward(ascent[None], parameters=False, inputs_from=batch.observation_size)
+    def _update_actor(self, batch: Batch, before: Inputs) -> None:
+        action = self.actor.forward(before.actor, self.generator)[0]  # (b, n)
+        before.action.copy_(action)
+        q = self._first_critic.forward(before.critic)[0]  # (b, 1)
+        size = float(q.abs().mean()) if self.config.cloning_weight else 1.0
+        ascent = -1.0 / (len(batch) * size)  # gradient of −J_a at each Q
+        at_action = self._first_critic.backward(
+            torch.ones_like(q)[None], ascent, parameters=False, inputs_from=batch.observation_size
+        )
         assert at_action is not None  # (1, b, n)
         if self.config.cloning_weight and batch.demonstrated:
             at_action[0, -batch.demonstrated :] += self._cloning_gradient(batch, action, q.clone())
@@ -139,7 +174,7 @@ class Learner:
         rows = slice(len(batch) - batch.demonstrated, len(batch))
         error = action[rows] - batch.action[rows]
         if self.config.q_filter:
-            better = self._first_critic.forward(batch.observation[rows], batch.action[rows])[0] > q[rows]
+            better = self._first_critic.forward(batch.parts()[0][rows])[0] > q[rows]
             error = error * better
         return error.mul_(2.0 * self.config.cloning_weight / batch.demonstrated)
 

@@ -1,17 +1,19 @@
 """Multilayer perceptrons with a backward pass of their own, in memory that is allocated once.
 
 A gradient step on networks of this size spends as long in a general autograd's bookkeeping as in its matrix
-products. Here every parameter lies in one flat vector, so that Adam and the soft update are one operation each,
-and an ensemble (the twin critics of Eq. 4.2) is one batched product per layer.
+products. Here every parameter lies in one flat vector, so that Adam and the soft update are one operation each, and
+whatever happens between two products happens in place.
 """
 
 import math
-from dataclasses import dataclass, field
-from itertools import pairwise
-from typing import Literal, NamedTuple
+from dataclasses import dataclass
+from typing import Literal
 
 import torch
 from torch import Tensor
+
+from rled_agent.dropout import Generator, dropout_masks
+from rled_agent.tape import Layer, Rows, Tape, multiply, whole_lines
 
 Activation = Literal["relu", "leaky_relu"]
 SLOPE: dict[Activation, float] = {"relu": 0.0, "leaky_relu": 0.01}
@@ -35,53 +37,6 @@ class Architecture:
     layer_norm: bool = False
 
 
-class Layer(NamedTuple):
-    """Views of one layer's parameters in the flat vectors, for e members; the last row of a block is the bias.
-
-    Attributes:
-        block: (e, inputs + 1, outputs).
-        gradient: like block.
-        weight_transposed: the block without its bias, (e, outputs, inputs).
-    """
-
-    block: Tensor
-    gradient: Tensor
-    weight_transposed: Tensor
-
-
-@dataclass
-class Tape:
-    """Memory of one forward pass and its backward pass, for b rows.
-
-    The input of every layer ends in a column of ones, which the bias belongs to: so bias and bias gradient come out of
-    the same products as the weights.
-
-    Attributes:
-        inputs: input of each layer, (e, b, inputs + 1); that of a hidden layer is the activation before it.
-        units: the same without the ones, (e, b, inputs).
-        transposed: inputs, (e, inputs + 1, b).
-        linear: output of each layer before norm and activation, (e, b, outputs).
-        gradients: gradient at each layer's output, (e, b, outputs).
-        masks: dropout factors of the hidden layers, (e, b, outputs), none where nothing was dropped.
-        statistics: mean and reciprocal deviation of the hidden layers that are normalised.
-    """
-
-    inputs: list[Tensor]
-    units: list[Tensor]
-    transposed: list[Tensor]
-    linear: list[Tensor]
-    gradients: list[Tensor]
-    masks: list[Tensor] = field(default_factory=list)
-    statistics: list[tuple[Tensor, Tensor]] = field(default_factory=list)
-
-
-def _tape(members: int, rows: int, sizes: tuple[int, ...]) -> Tape:
-    inputs = [torch.ones(members, rows, width + 1) for width in sizes[:-1]]
-    linear = [torch.empty(members, rows, width) for width in sizes[1:]]
-    units, transposed = [each[..., :-1] for each in inputs], [each.transpose(1, 2) for each in inputs]
-    return Tape(inputs, units, transposed, linear, [torch.empty_like(each) for each in linear])
-
-
 class Network:
     """An ensemble of e equal perceptrons that read the same input.
 
@@ -94,6 +49,10 @@ class Network:
         generator: draws weights and biases uniformly in ±1/√fan-in.
         members: e.
         squash: end in a hyperbolic tangent.
+
+    Attributes:
+        parameters: all of them in one vector, with zeros that fill the rows of hidden layers to whole cache lines.
+        gradients: like parameters.
     """
 
     def __init__(
@@ -108,22 +67,24 @@ class Network:
     ) -> None:
         self.architecture, self.squash, self.members = architecture, squash, members
         self.sizes = (inputs, *architecture.hidden, outputs)
-        count = members * sum((a + 1) * b for a, b in pairwise(self.sizes))
-        self.parameters = torch.zeros(count)
-        self.gradients = torch.zeros(count)
-        self.layers = self._views()
-        self._tapes: dict[int, Tape] = {}
+        shapes = self._shapes()
+        self.parameters = torch.zeros(sum(map(math.prod, shapes)))
+        self.gradients = torch.zeros_like(self.parameters)
+        self.layers = [Layer(*each) for each in zip(*map(self._blocks, (self.parameters, self.gradients)), strict=True)]
+        self._tapes: dict[int | Rows, Tape] = {}
         for layer in self.layers:
             bound = 1.0 / math.sqrt(layer.block.shape[1] - 1)
-            for part in (layer.block[:, :-1], layer.block[:, -1:]):
+            for part in (layer.block[:, 1:], layer.block[:, :1]):
                 part.copy_(torch.empty(part.shape).uniform_(-bound, bound, generator=generator))
 
-    def _views(self) -> list[Layer]:
-        shapes = [(self.members, inputs + 1, outputs) for inputs, outputs in pairwise(self.sizes)]
-        sizes = [math.prod(shape) for shape in shapes]
-        blocks = [part.view(shape) for part, shape in zip(self.parameters.split(sizes), shapes, strict=True)]
-        gradients = [part.view(shape) for part, shape in zip(self.gradients.split(sizes), shapes, strict=True)]
-        return [_layer(block, gradient) for block, gradient in zip(blocks, gradients, strict=True)]
+    def _shapes(self) -> list[tuple[int, int, int]]:
+        widths = [*map(whole_lines, self.architecture.hidden), self.sizes[-1]]
+        return [(self.members, 1 + inputs, width) for inputs, width in zip(self.sizes[:-1], widths, strict=True)]
+
+    def _blocks(self, vector: Tensor) -> list[Tensor]:
+        shapes = self._shapes()
+        parts = zip(vector.split([*map(math.prod, shapes)]), shapes, self.sizes[1:], strict=True)
+        return [part.view(shape)[..., :width] for part, shape, width in parts]
 
     def copy(self) -> "Network":
         """A network of the same weights with memory of its own: a target network (Eq. 4.3)."""
@@ -143,7 +104,7 @@ class Network:
         view = object.__new__(Network)
         view.architecture, view.squash, view.members, view.sizes = self.architecture, self.squash, 1, self.sizes
         view.parameters, view.gradients = self.parameters, self.gradients
-        view.layers = [_layer(each.block[:1], each.gradient[:1]) for each in self.layers]
+        view.layers = [Layer(each.block[:1], each.gradient[:1]) for each in self.layers]
         view._tapes = {}
         return view
 
@@ -151,113 +112,131 @@ class Network:
         """Views by name: ``0.weight`` of shape (e, inputs, outputs), ``0.bias`` of shape (e, 1, outputs), ..."""
         parts: dict[str, Tensor] = {}
         for k, layer in enumerate(self.layers):
-            parts |= {f"{k}.weight": layer.block[:, :-1], f"{k}.bias": layer.block[:, -1:]}
+            parts |= {f"{k}.weight": layer.block[:, 1:], f"{k}.bias": layer.block[:, :1]}
         return parts
 
-    def forward(self, *parts: Tensor, generator: torch.Generator | None = None) -> Tensor:
+    def forward(self, x: Tensor | Rows, generator: Generator | None = None) -> Tensor:
         """Output for a batch, in memory that the next call with as many rows overwrites.
 
         Args:
-            parts: columns of the input, (b, ...) each.
+            x: the input, (b, inputs), which is copied, or rows of it, which are read where they are.
             generator: drops hidden units independently in every row.
 
         Returns:
             Shape (e, b, outputs).
         """
-        tape = self._tape(len(parts[0]))
-        start = 0
-        for part in parts:
-            tape.units[0][..., start : start + part.shape[-1]] = part
-            start += part.shape[-1]
-        tape.masks.clear()
+        tape = self._read(x)
+        tape.masks = self._masks(tape.count, generator) if generator is not None else []
+        return self._forward(tape, 0)
+
+    def forward_once(self, x: Tensor, passes: int, generator: Generator) -> Tensor:
+        """Outputs of stochastic passes on one input, whose first layer is computed once; no backward pass follows.
+
+        Args:
+            x: the input, (inputs,).
+            passes: number of them.
+            generator: drops hidden units independently in every pass.
+
+        Returns:
+            Shape (e, passes, outputs); as of ``forward`` with as many equal rows.
+        """
+        masks = self._masks(passes, generator)
+        if not masks:
+            return self.forward(x[None]).expand(-1, passes, -1)
+        alone, tape = self._tape(1), self._tape(passes)
+        alone.inputs.units.copy_(x)
+        tape.masks = masks
+        multiply(alone.forward[0])
+        self._activate(alone, 0)
+        torch.mul(alone.hidden[0].units, masks[0], out=tape.hidden[0].units)
+        return self._forward(tape, 1)
+
+    def _read(self, x: Tensor | Rows) -> Tape:
+        if isinstance(x, Rows):
+            return self._tape(x)
+        tape = self._tape(x.shape[0])
+        tape.inputs.units.copy_(x)
+        return tape
+
+    def _tape(self, key: int | Rows) -> Tape:
+        if key not in self._tapes:
+            rows = key if isinstance(key, Rows) else Rows.empty(1, key, self.sizes[0])
+            self._tapes[key] = Tape(self.layers, rows, normalised=self.architecture.layer_norm)
+        self._last = self._tapes[key]
+        return self._last
+
+    def _masks(self, rows: int, generator: Generator) -> list[Tensor]:
+        """Dropout factors of each hidden layer, (e, rows, outputs); none of a network without dropout."""
+        if not self.architecture.dropout:
+            return []
+        shapes = [(self.members, rows, width) for width in self.architecture.hidden]
+        return dropout_masks(shapes, self.architecture.dropout, generator)
+
+    def _forward(self, tape: Tape, start: int) -> Tensor:
+        """The layers from ``start`` on."""
         tape.statistics.clear()
-        for k, layer in enumerate(self.layers):
-            _multiply(tape.inputs[k], layer.block, tape.linear[k])
-            if k + 1 < len(self.layers):
-                self._hidden(tape, k, generator)
+        for k in range(start, len(tape.hidden)):
+            multiply(tape.forward[k])
+            self._activate(tape, k)
+            if tape.masks:
+                tape.hidden[k].units.mul_(tape.masks[k])
+        multiply(tape.forward[-1])
         return tape.linear[-1].tanh_() if self.squash else tape.linear[-1]
 
-    def _tape(self, rows: int) -> Tape:
-        if rows not in self._tapes:
-            self._tapes[rows] = _tape(self.members, rows, self.sizes)
-        return self._tapes[rows]
-
-    def _hidden(self, tape: Tape, k: int, generator: torch.Generator | None) -> None:
-        x, out = tape.linear[k], tape.units[k + 1]
+    def _activate(self, tape: Tape, k: int) -> None:
+        rows = tape.hidden[k]
         if self.architecture.layer_norm:
+            x = tape.linear[k]
             x, mean, scale = torch.native_layer_norm(x, x.shape[-1:], None, None, NORM_EPSILON)
+            rows.units.copy_(x)
             tape.statistics.append((mean, scale))
-        if self.architecture.activation == "relu":
-            torch.clamp_min(x, 0.0, out=out)
+        slope = SLOPE[self.architecture.activation]
+        if slope:
+            torch.nn.functional.leaky_relu_(rows.memory, slope)
         else:
-            torch.ops.aten.leaky_relu.out(x, SLOPE[self.architecture.activation], out=out)
-        if generator is not None and self.architecture.dropout:
-            mask = dropout_mask(tuple(out.shape), self.architecture.dropout, generator)
-            tape.masks.append(mask)
-            out.mul_(mask)
+            torch.relu_(rows.memory)
 
-    def backward(self, gradient: Tensor, *, parameters: bool = True, inputs_from: int | None = None) -> Tensor | None:
-        """Propagate the gradient of a loss back through the last forward pass of as many rows.
+    def backward(
+        self, gradient: Tensor, scale: float = 1.0, *, parameters: bool = True, inputs_from: int | None = None
+    ) -> Tensor | None:
+        """Propagate the gradient of a loss back through the last forward pass.
 
         Args:
             gradient: of the loss at the output, (e, b, outputs).
+            scale: factor of that gradient.
             parameters: write ``gradients``.
             inputs_from: also return the gradient at the inputs from this column on.
 
         Returns:
             The gradient at the inputs, (e, b, inputs − inputs_from), or None.
         """
-        tape = self._tape(gradient.shape[1])
+        tape = self._last
+        last = torch.mul(gradient, scale, out=tape.gradients[-1])
         if self.squash:
-            out = tape.linear[-1]
-            gradient = torch.ops.aten.tanh_backward.grad_input(gradient, out, grad_input=tape.gradients[-1])
+            torch.ops.aten.tanh_backward.grad_input(last, tape.linear[-1], grad_input=last)
         for k in range(len(self.layers) - 1, -1, -1):
-            layer = self.layers[k]
+            if k + 1 < len(self.layers):
+                self._hidden_backward(tape, k)
             if parameters:
-                _multiply(tape.transposed[k], gradient, layer.gradient)
-            if k > 0:
-                before = torch.bmm(gradient, layer.weight_transposed, out=tape.gradients[k - 1])
-                gradient = self._hidden_backward(tape, k - 1, before)
+                multiply(tape.to_parameters[k])
+            multiply(tape.to_units[k])
         if inputs_from is None:
             return None
-        return torch.bmm(gradient, self.layers[0].weight_transposed[..., inputs_from:])
+        weights = self.layers[0].block[:, 1 + inputs_from :]
+        return torch.bmm(tape.gradients[0], weights.transpose(1, 2))
 
-    def _hidden_backward(self, tape: Tape, k: int, gradient: Tensor) -> Tensor:
+    def _hidden_backward(self, tape: Tape, k: int) -> None:
+        gradient, slope = tape.slopes[k], SLOPE[self.architecture.activation]
         if tape.masks:
-            gradient.mul_(tape.masks[k])
-        slope = SLOPE[self.architecture.activation]
+            gradient.units.mul_(tape.masks[k])
+        at, of = gradient.memory, tape.hidden[k].memory
         if slope:
-            torch.ops.aten.leaky_relu_backward.grad_input(gradient, tape.units[k + 1], slope, True, grad_input=gradient)
+            torch.ops.aten.leaky_relu_backward.grad_input(at, of, slope, True, grad_input=at)
         else:
-            torch.ops.aten.threshold_backward.grad_input(gradient, tape.units[k + 1], 0.0, grad_input=gradient)
+            torch.ops.aten.threshold_backward.grad_input(at, of, 0.0, grad_input=at)
         if self.architecture.layer_norm:
             x, (mean, scale) = tape.linear[k], tape.statistics[k]
-            gradient, _, _ = torch.ops.aten.native_layer_norm_backward(
-                gradient, x, x.shape[-1:], mean, scale, None, None, [True, False, False]
+            normalised, _, _ = torch.ops.aten.native_layer_norm_backward(
+                gradient.units, x, x.shape[-1:], mean, scale, None, None, [True, False, False]
             )
-        return gradient
-
-
-def _multiply(a: Tensor, b: Tensor, out: Tensor) -> None:
-    """Batched product; a single column, as a critic's last layer has it, is quicker member by member."""
-    if out.shape[-1] > 1:
-        torch.bmm(a, b, out=out)
-        return
-    for member in range(len(out)):
-        torch.mm(a[member], b[member], out=out[member])
-
-
-def _layer(block: Tensor, gradient: Tensor) -> Layer:
-    return Layer(block, gradient, block[:, :-1].transpose(1, 2))
-
-
-def dropout_mask(shape: tuple[int, ...], probability: float, generator: torch.Generator) -> Tensor:
-    """Inverted dropout: 0 with ``probability``, else the reciprocal of the probability to stay.
-
-    Four units share one 64-bit draw, several times faster than a Bernoulli draw each; the probability is met to 2⁻¹⁶.
-    """
-    count = math.prod(shape)
-    draws = torch.empty((count + 3) // 4, dtype=torch.int64).random_(-(2**63), None, generator=generator)
-    dropped = round(probability * 2**16)
-    kept = draws.view(torch.int16)[:count] >= dropped - 2**15
-    return kept.to(torch.float32).mul_(2**16 / (2**16 - dropped)).view(shape)
+            gradient.units.copy_(normalised)

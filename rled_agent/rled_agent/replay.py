@@ -26,7 +26,14 @@ class Batch:
 
     def __len__(self) -> int:
         """B, the number of transitions."""
-        return len(self.rows)
+        return self.rows.shape[0]
+
+    def parts(self) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """(s, a) side by side, r, terminated, s': shapes (b, o + n), (b, 1), (b, 1), (b, o)."""
+        pair, reward, terminated, following = self.rows.split(
+            (self.observation_size + self.action_size, 1, 1, self.observation_size), dim=1
+        )
+        return pair, reward, terminated, following
 
     @property
     def observation(self) -> Tensor:
@@ -93,7 +100,13 @@ class Replay:
         row[o + n + 2 :] = next_observation
         self.added += 1
 
+    def extend(self, rows: NDArray[np.float32]) -> None:
+        """Store transitions, shape (k, 2o + n + 2), in order."""
+        for row in rows:
+            self.rows[self.added % self.capacity] = row
+            self.added += 1
+
     def sample(self, size: int, generator: torch.Generator) -> Batch:
         """Draw transitions uniformly, with replacement."""
-        chosen = torch.randint(len(self), (size,), generator=generator)
+        chosen = torch.empty(size, dtype=torch.int64).random_(len(self), generator=generator)
         return Batch(self._tensor.index_select(0, chosen), self.observation_size, self.action_size)

@@ -57,7 +57,7 @@ class Trainer:
         noise = Noise(settings.noise, self.generator)
         unsure = None
         if self.config.learner.actor.dropout:
-            unsure = MonteCarlo(self.learner.actor, settings.passes, self.learner.generator)
+            unsure = MonteCarlo(self.learner.actor, settings.passes, self.generator)
         if settings.name == "biased":
             return BiasedExploration(
                 actor_source(self.learner.actor), source, noise, settings.phi, self.generator, unsure

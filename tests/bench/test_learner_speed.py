@@ -185,7 +185,7 @@ def test_the_learner_outpaces_stable_baselines_and_nears_the_matrix_products(fig
 def test_the_gate_costs_little_more_than_one_forward_pass(figure):
     generator = torch.Generator().manual_seed(0)
     actor = Network(OBSERVATION, ACTION, Architecture(HIDDEN, dropout=0.1), generator, squash=True)
-    gate = MonteCarlo(actor, 30, generator)
+    gate = MonteCarlo(actor, 30, np.random.default_rng(0))
     rows, row = torch.randn(30, OBSERVATION), np.zeros(OBSERVATION, dtype=np.float32)
     seen = rates({"forward": lambda: actor.forward(rows), "gate": lambda: gate(row)}, steps=1_000)
     figure("gate_vs_forward", ratio(seen, "forward", "gate"))

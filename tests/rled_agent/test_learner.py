@@ -2,8 +2,9 @@ from dataclasses import replace
 
 import pytest
 import torch
+from rled_agent.dropout import dropout_masks
 from rled_agent.learner import Learner, LearnerConfig
-from rled_agent.networks import Architecture, Network, dropout_mask
+from rled_agent.networks import Architecture, Network
 from rled_agent.replay import Batch
 from torch import Tensor
 from torch.nn import functional
@@ -46,14 +47,18 @@ class Reference:
 
     def net(self, name: str, x: Tensor, member: int = 0, dropping: bool = False) -> Tensor:
         settings = self.config.actor if "actor" in name else self.config.critic
+        masks = self.masks(len(x), settings) if dropping and settings.dropout else []
         for k in range(len(settings.hidden) + 1):
             weights = self.weights[name]
             x = functional.linear(x, weights[f"{k}.weight"][member].T, weights[f"{k}.bias"][member, 0])
             if k < len(settings.hidden):
                 x = functional.relu(x)
-                if dropping and settings.dropout:
-                    x = x * dropout_mask((1, *x.shape), settings.dropout, self.drawing)[0]
+                if masks:
+                    x = x * masks[k]
         return x
+
+    def masks(self, rows: int, settings: Architecture) -> list[Tensor]:
+        return dropout_masks([(rows, width) for width in settings.hidden], settings.dropout, self.drawing)
 
     def act(self, name: str, s: Tensor, dropping: bool) -> Tensor:
         return torch.tanh(self.net(name, s, dropping=dropping))
@@ -264,7 +269,7 @@ def test_twin_critics_begin_apart():
 
 def test_metrics_are_the_loss_and_the_value_before_the_step():
     learner, (batch,) = Learner(OBSERVATION, ACTION, replace(DDPG, gamma=0.0), generator()), batches(1)
-    q = learner.critic.forward(batch.observation, batch.action).clone()
+    q = learner.critic.forward(torch.cat([batch.observation, batch.action], dim=1)).clone()
     metrics = learner.update(batch)
     assert metrics.q == pytest.approx(float(q.mean()), rel=1e-4)
     assert metrics.critic_loss == pytest.approx(float((q[0] - batch.reward).square().mean()), rel=1e-5)

@@ -2,7 +2,9 @@ import itertools
 
 import pytest
 import torch
-from rled_agent.networks import Architecture, Network, dropout_mask
+from rled_agent.dropout import dropout_masks
+from rled_agent.networks import Architecture, Network
+from rled_agent.tape import Rows
 
 ROWS = 5
 
@@ -39,6 +41,15 @@ def plain_forward(network: Network, x: torch.Tensor, parameters: dict[str, torch
     return torch.stack(outputs)
 
 
+def masks_of(network: Network, rows: int, drawing: torch.Generator) -> list[torch.Tensor]:
+    """The dropout factors that a pass draws, (e, rows, width) of each hidden layer."""
+    settings = network.architecture
+    if not settings.dropout:
+        return []
+    shapes = [(network.members, rows, width) for width in settings.hidden]
+    return dropout_masks(shapes, settings.dropout, drawing)
+
+
 def leaves(network: Network) -> dict[str, torch.Tensor]:
     return {name: each.clone().requires_grad_() for name, each in network.named_parameters().items()}
 
@@ -46,7 +57,7 @@ def leaves(network: Network) -> dict[str, torch.Tensor]:
 def gradients(network: Network) -> dict[str, torch.Tensor]:
     views = {}
     for k, layer in enumerate(network.layers):
-        views |= {f"{k}.weight": layer.gradient[:, :-1], f"{k}.bias": layer.gradient[:, -1:]}
+        views |= {f"{k}.weight": layer.gradient[:, 1:], f"{k}.bias": layer.gradient[:, :1]}
     return views
 
 
@@ -62,11 +73,7 @@ def test_forward_and_backward_equal_autograd(variant):
     network = make(**variant)
     x, weight = numbers(ROWS, 3), numbers(variant["members"], ROWS, 2, seed=2)
     drawing = generator(7)
-    masks = [
-        dropout_mask((network.members, ROWS, width), variant["dropout"], drawing)
-        for width in (4, 3)
-        if variant["dropout"]
-    ]
+    masks = masks_of(network, ROWS, drawing)
     parameters, inputs = leaves(network), x.clone().requires_grad_()
     expected = plain_forward(network, inputs, parameters, masks)
     (expected * weight).sum().backward()
@@ -125,10 +132,15 @@ def test_output_of_known_weights_is_the_one_worked_out_by_hand():
     assert network.forward(torch.tensor([[1.0, 2.0]])).item() == 14.5
 
 
-def test_columns_may_be_given_in_parts():
+def test_rows_are_read_where_they_are_and_so_is_the_head_of_wider_ones():
     network, x = make(), numbers(ROWS, 3)
     whole = network.forward(x).clone()
-    assert torch.equal(network.forward(x[:, :1], x[:, 1:]), whole)
+    rows = Rows.empty(1, ROWS, 5)
+    rows.units.copy_(numbers(ROWS, 5, seed=3))
+    rows.head(3).units.copy_(x)
+    assert torch.equal(network.forward(rows.head(3)), whole)
+    rows.units.zero_()
+    assert (whole != network.forward(rows.head(3))).all()
 
 
 def test_same_seed_gives_the_same_weights_within_the_bound_of_the_fan_in():
@@ -137,8 +149,8 @@ def test_same_seed_gives_the_same_weights_within_the_bound_of_the_fan_in():
     assert not torch.equal(one.parameters, other.parameters)
     wide = Network(4, 500, Architecture(hidden=(9,)), generator())
     for layer, fan_in in zip(wide.layers, (4, 9), strict=True):
-        weight = layer.block[:, :-1]
-        for each in (weight, layer.block[:, -1:]):
+        weight = layer.block[:, 1:]
+        for each in (weight, layer.block[:, :1]):
             assert each.abs().max() <= fan_in**-0.5
     assert weight.abs().max() > 0.99 / 3.0
     assert abs(float(weight.mean())) < 0.01
@@ -193,22 +205,22 @@ def test_backward_after_a_pass_without_dropout_forgets_the_dropped_units():
     assert torch.equal(network.gradients, same.gradients)
 
 
-@pytest.mark.parametrize("probability", [0.1, 0.5])
-def test_dropout_keeps_the_mean_of_a_unit(probability):
-    mask = dropout_mask((100, 1003), probability, generator())
-    dropped = (mask == 0).double()
-    deviation = (probability * (1 - probability) / mask.numel()) ** 0.5
-    assert abs(float(dropped.mean()) - probability) < 5 * deviation + 2**-16
-    torch.testing.assert_close(mask.unique(), torch.tensor([0.0, 1 / (1 - probability)]), rtol=1e-4, atol=0)
-    neighbours = float((dropped[:, 1:] * dropped[:, :-1]).mean())
-    assert abs(neighbours - probability**2) < 5 * (probability**2 / mask.numel()) ** 0.5
+def test_passes_on_one_input_equal_a_batch_of_it_with_the_same_dropped_units():
+    network, x = make(hidden=(16, 12), dropout=0.5), numbers(3)
+    batch = network.forward(x.expand(30, -1), generator=generator(3)).clone()
+    torch.testing.assert_close(network.forward_once(x, 30, generator(3)), batch)
+    assert len(batch[0].unique(dim=0)) > 10
+
+
+def test_passes_of_a_network_without_dropout_are_all_the_same():
+    network, x = make(), numbers(3)
+    passes = network.forward_once(x, 4, generator())
+    assert passes.shape == (2, 4, 2)
+    torch.testing.assert_close(passes, network.forward(x[None]).expand(-1, 4, -1))
 
 
 def test_dropout_differs_in_every_row_and_member():
-    mask = dropout_mask((2, 30, 64), 0.5, generator())
+    network = make(hidden=(64,), dropout=0.5)
+    network.forward(torch.ones(30, 3), generator=generator())
+    (mask,) = masks_of(network, 30, generator())
     assert len(mask.view(60, 64).unique(dim=0)) == 60
-
-
-def test_dropout_of_the_same_generator_state_is_the_same():
-    one, same = (dropout_mask((3, 5, 7), 0.3, generator(4)) for _ in range(2))
-    assert torch.equal(one, same)

@@ -3,25 +3,28 @@ import math
 import numpy as np
 import pytest
 import torch
-from rled_agent.networks import Architecture, Network, dropout_mask
-from rled_agent.uncertainty import MonteCarlo, iqr, qcd, quartiles
+from rled_agent.dropout import dropout_masks
+from rled_agent.networks import Architecture, Network
+from rled_agent.uncertainty import MonteCarlo, iqr, qcd, spread
 
 
 def test_quartiles_of_five_values_are_the_second_and_the_fourth():
-    low, high = quartiles(np.array([[5.0, -1.0], [1.0, -2.0], [4.0, -3.0], [2.0, -4.0], [3.0, -5.0]]))
+    low, high, _ = spread(np.array([[5.0, -1.0], [1.0, -2.0], [4.0, -3.0], [2.0, -4.0], [3.0, -5.0]]))
     assert low == [2.0, -4.0]
     assert high == [4.0, -2.0]
 
 
 def test_quartiles_between_values_are_interpolated():
-    low, high = quartiles(np.array([[1.0], [2.0], [3.0], [10.0]]))
+    low, high, _ = spread(np.array([[1.0], [2.0], [3.0], [10.0]]))
     assert (low[0], high[0]) == (1.75, 4.75)  # places 0.75 and 2.25
 
 
 @pytest.mark.parametrize("passes", [2, 3, 4, 7, 30, 101])
 def test_quartiles_equal_numpys(passes):
     actions = np.random.default_rng(passes).normal(size=(passes, 7))
-    np.testing.assert_allclose(quartiles(actions), np.percentile(actions, [25, 75], axis=0), rtol=1e-12)
+    low, high, mean = spread(actions)
+    np.testing.assert_allclose([low, high], np.percentile(actions, [25, 75], axis=0), rtol=1e-12)
+    np.testing.assert_allclose(mean, actions.mean(axis=0), rtol=1e-12)
 
 
 def test_qcd_is_the_mean_over_the_components():
@@ -55,8 +58,7 @@ def actor() -> Network:
 
 def passes_one_by_one(actor: Network, observation: np.ndarray, passes: int, seed: int) -> np.ndarray:
     """Each pass by itself, with the units dropped that the generator says, in plain numpy."""
-    drawing = torch.Generator().manual_seed(seed)
-    masks = [dropout_mask((1, passes, width), 0.3, drawing)[0].numpy() for width in (16, 12)]
+    masks = [each.numpy() for each in dropout_masks([(passes, 16), (passes, 12)], 0.3, np.random.default_rng(seed))]
     weights = {name: each[0].numpy().astype(np.float64) for name, each in actor.named_parameters().items()}
     actions = []
     for k in range(passes):
@@ -74,7 +76,7 @@ def test_estimate_equals_a_loop_over_the_passes(actor, passes):
     observation = np.random.default_rng(1).normal(size=4).astype(np.float32)
     actions = passes_one_by_one(actor, observation, passes, seed=9)
     first, third = np.percentile(actions, [25, 75], axis=0)
-    estimate = MonteCarlo(actor, passes, torch.Generator().manual_seed(9))(observation)
+    estimate = MonteCarlo(actor, passes, np.random.default_rng(9))(observation)
     np.testing.assert_allclose(estimate.mean, actions.mean(axis=0), atol=1e-6)
     expected = np.mean([abs((b - a) / (b + a)) for a, b in zip(first, third, strict=True)])
     assert estimate.uncertainty["qcd"] == pytest.approx(expected, rel=1e-4)
@@ -82,12 +84,12 @@ def test_estimate_equals_a_loop_over_the_passes(actor, passes):
 
 
 def test_every_call_drops_other_units(actor):
-    estimate, observation = MonteCarlo(actor, 30, torch.Generator().manual_seed(0)), np.ones(4, dtype=np.float32)
+    estimate, observation = MonteCarlo(actor, 30, np.random.default_rng(0)), np.ones(4, dtype=np.float32)
     assert estimate(observation).uncertainty != estimate(observation).uncertainty
 
 
 def test_the_mean_outlives_the_next_pass(actor):
-    estimate, observation = MonteCarlo(actor, 30, torch.Generator().manual_seed(0)), np.ones(4, dtype=np.float32)
+    estimate, observation = MonteCarlo(actor, 30, np.random.default_rng(0)), np.ones(4, dtype=np.float32)
     mean = estimate(observation).mean
     before = mean.copy()
     estimate(-observation)
@@ -96,5 +98,5 @@ def test_the_mean_outlives_the_next_pass(actor):
 
 def test_an_actor_without_dropout_is_sure():
     actor = Network(4, 2, Architecture(hidden=(8,)), torch.Generator().manual_seed(0), squash=True)
-    estimate = MonteCarlo(actor, 30, torch.Generator())(np.ones(4, dtype=np.float32))
+    estimate = MonteCarlo(actor, 30, np.random.default_rng(0))(np.ones(4, dtype=np.float32))
     assert estimate.uncertainty == {"qcd": 0.0, "iqr": 0.0}
