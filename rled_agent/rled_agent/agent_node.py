@@ -1,58 +1,62 @@
 """Node: answers every state with joint displacements, and says on ``safety_gate`` who acts and why."""
 
 import time
-from dataclasses import dataclass
 from pathlib import Path
 from threading import Thread
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rled_msgs_py.command_output import CommandOutput
 from rled_msgs_py.convert import to_msg
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.node import advertise, declare, run_node, subscribe, subscribe_ticks
-from rled_msgs_py.params import param
-from rled_msgs_py.records import DeltaCommand, Health, Level, Text
+from rled_msgs_py.records import Actor, DeltaCommand, GateCode, GateDecision, Text
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import Tick
-from rled_msgs_py.topics import DIAGNOSTICS, SAFETY_GATE, TASK_DESCRIPTION
+from rled_msgs_py.topics import (
+    DIAGNOSTICS,
+    HUMAN_JOINT_DELTA,
+    JOINT_STATES,
+    ROBOT_DESCRIPTION,
+    SAFETY_GATE,
+    TASK_DESCRIPTION,
+    Topic,
+)
+from rled_sim.commands import displacement
+from rled_sim.kinematics import Chain
+from rled_sim.limits import Guard
 from std_srvs.srv import SetBool, Trigger
 
+from rled_agent.agent_params import AgentParams
+from rled_agent.agent_report import AgentReport
 from rled_agent.apprentice import Apprentice
-from rled_agent.controller import Answer, GatedController, GateSettings, load_controller, observe
+from rled_agent.arbiter import Arbiter, Outcome, Situation
+from rled_agent.controller import GatedController, Proposals, load_controller, observe
 
 Service = SetBool | Trigger
+LOOK = 0.02
+"""Seconds between two looks at a state that waits for a person."""
 
 
-@dataclass(frozen=True)
-class AgentParams:
-    """Parameters of the agent node."""
+class Waiting(NamedTuple):
+    """A state that was not answered yet."""
 
-    expert: str = param("out/expert/expert.safetensors", "weights that train_expert wrote", read_only=True)
-    agent: str = param("", "policy that train_agent wrote; empty: the expert drives alone", read_only=True)
-    threshold: float = param(1e-3, "ξ: at this uncertainty or more the expert acts", low=0.0, high=1e9)
-    measure: str = param("qcd", "uncertainty that is compared with the threshold", choices=("qcd", "iqr"))
-    passes: int = param(30, "N, stochastic passes of the actor", low=2, high=10_000, read_only=True)
-    noise: float = param(0.0, "deviation of exploration noise, in halves of the action range", low=0.0, high=10.0,
-                         read_only=True)  # fmt: skip
-    seed: int = param(0, "seed of dropped units and noise", low=0, high=2**31 - 1, read_only=True)
-    learning_state: str = param("out/agent_node/learning.safetensors", "where ~/learn keeps its state", read_only=True)
-    enabled: bool = param(True, "answer states; ~/enable switches it", read_only=True)
-
-    def gate(self) -> GateSettings:
-        """What the gate needs of them."""
-        return GateSettings(self.threshold, self.measure, self.passes, self.noise, self.seed)  # type: ignore[arg-type]
+    tick: Tick
+    observation: NDArray[np.float64]
+    proposals: Proposals
+    received: float
 
 
 class AgentNode(Node):
     """Drives the robot with a learned policy, one answer and one gate decision for each state.
 
-    Subscribes: joint_states, ee_pose, target_pose, task_status, task_description.
-    Publishes: joint_delta, safety_gate, /diagnostics.
-    Services: ~/enable, ~/learn (std_srvs/SetBool), ~/save (std_srvs/Trigger).
+    Subscribes: joint_states, ee_pose, target_pose, task_status, task_description, robot_description,
+    human/joint_delta. Publishes: joint_delta, safety_gate, /diagnostics.
+    Services: ~/enable, ~/estop, ~/learn (std_srvs/SetBool), ~/save (std_srvs/Trigger).
     """
 
     def __init__(self, **arguments: Any) -> None:
@@ -60,66 +64,156 @@ class AgentNode(Node):
         torch.set_num_threads(1)
         torch.set_flush_denormal(True)
         self._params = declare(self, AgentParams, self._on_change)
-        self._controller = load_controller(self._params.expert, self._params.agent, self._params.gate())
+        self._controller = load_controller(self._params.expert, self._params.agent, self._params.actor())
         self._task: TaskDescription | None = None
+        self._urdf = ""
+        self._arbiter: Arbiter | None = None
         self._enabled = self._params.enabled
         self._apprentice: Apprentice | None = None
-        self._before: tuple[Tick, NDArray[np.float64], Answer] | None = None
-        self._unanswered: Tick | None = None
-        self._answers, self._slowest = 0, 0.0
+        self._waiting: Waiting | None = None
+        self._before: tuple[Waiting, Outcome] | None = None
+        self._told: tuple[int, GateCode] | None = None
+        self._report = AgentReport(self._controller.policy.task.period * 1e-9)
         self._delta, self._gate = CommandOutput(self), advertise(self, SAFETY_GATE)
         self._diagnostics = advertise(self, DIAGNOSTICS)
         subscribe(self, TASK_DESCRIPTION, self._on_task)
+        subscribe(self, ROBOT_DESCRIPTION, self._on_robot)
+        subscribe(self, HUMAN_JOINT_DELTA, self._on_person)
         subscribe_ticks(self, self._on_tick)
+        self._serve()
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(1.0, self._say_health, clock=steady)
+        self.create_timer(LOOK, self._decide, clock=steady)
+
+    def _serve(self) -> None:
         self.create_service(SetBool, "~/enable", self._on_enable)
+        self.create_service(SetBool, "~/estop", self._on_estop)
         self.create_service(SetBool, "~/learn", self._on_learn)
         self.create_service(Trigger, "~/save", self._on_save)
-        self.create_timer(1.0, self._report)
 
     def _on_change(self, params: AgentParams) -> None:
+        if self._arbiter is not None:
+            self._arbiter.settings = params.gate()
         if isinstance(self._controller, GatedController):
-            self._controller.configure(params.threshold, params.measure)  # type: ignore[arg-type]
+            self._controller.measure = params.measure  # type: ignore[assignment]
+        self._params = params
 
     def _on_task(self, text: Text) -> None:
-        task = TaskDescription.from_json(text.data)
-        task.require_same_robot(self._controller.policy.task, "the policy")
-        self._task = task
+        ours = self._controller.policy.task
+        try:
+            task = TaskDescription.from_json(text.data)
+            if self._arbiter is not None:
+                task.require_same_robot(ours, "the policy")
+        except RledError as error:
+            self._refuse(TASK_DESCRIPTION, error)
+            return
+        task.require_same_robot(ours, "the policy")  # at the start this ends the node
+        self._arbitrate(task, self._urdf)
+
+    def _on_robot(self, text: Text) -> None:
+        self._arbitrate(self._task, text.data)
+
+    def _arbitrate(self, task: TaskDescription | None, urdf: str) -> None:
+        """Make the arbiter anew when the robot has described itself, wholly and well."""
+        if task is not None and urdf:
+            try:
+                guard = Guard(task, Chain.from_urdf(urdf, task.tip_link, task.joint_names))
+            except RledError as error:
+                self._refuse(ROBOT_DESCRIPTION, error)
+                return
+            stopped = self._arbiter is not None and self._arbiter.stopped
+            self._arbiter = Arbiter(self._params.gate(), guard, task.action_size)
+            self._arbiter.stopped = stopped
+        self._task, self._urdf = task, urdf
+        self._decide()
+
+    def _refuse(self, topic: Topic, error: RledError) -> None:
+        self._report.refused(topic.name)
+        self.get_logger().warning(f"{topic.name} refused: {error}", throttle_duration_sec=1.0)
 
     def _on_tick(self, tick: Tick) -> None:
-        started = time.perf_counter()
-        self._delta.withdraw()
-        observation = observe(self._controller.policy.task, tick)
-        self._learn_from(tick, observation)
-        over = tick.status.terminated or tick.status.truncated
-        self._before = None
-        self._unanswered = None if over or self._enabled else tick
-        if over or not self._enabled:
+        received = time.monotonic()
+        try:
+            observation = observe(self._controller.policy.task, tick)
+        except RledError as error:
+            self._refuse(JOINT_STATES, error)
             return
-        answer = self._controller.answer(tick, observation)
-        self._delta.publish(DeltaCommand(tick.stamp, self._controller.policy.task.joint_names, answer.delta))
-        self._gate.publish(to_msg(answer.decision))
-        self._before = (tick, observation, answer)
-        self._answers += 1
-        self._slowest = max(self._slowest, time.perf_counter() - started)
+        self._delta.withdraw()
+        self._learn_from(tick, observation)
+        self._before = self._waiting = None
+        if tick.status.terminated or tick.status.truncated:
+            return
+        self._waiting = Waiting(tick, observation, self._controller.propose(observation), received)
+        self._decide()
+
+    def _on_person(self, command: DeltaCommand) -> None:
+        if self._arbiter is None or self._task is None:
+            return
+        try:
+            delta = np.array(displacement(command, self._task))
+        except RledError as error:
+            self._refuse(HUMAN_JOINT_DELTA, error)
+            return
+        self._arbiter.hear_person(delta, time.monotonic())
+        self._decide()
+
+    def _decide(self) -> None:
+        """Answer the state that waits, unless it is a person's turn."""
+        waiting, arbiter = self._waiting, self._arbiter
+        if waiting is None or arbiter is None or not self._enabled:
+            return
+        now, names = time.monotonic(), self._controller.policy.task.joint_names
+        q = waiting.tick.joints.ordered(names).position
+        outcome = arbiter.decide(Situation(now, now - waiting.received, q, *waiting.proposals))
+        if outcome is None:
+            return
+        if outcome.delta is not None:
+            self._delta.publish(DeltaCommand(waiting.tick.stamp, names, outcome.delta))
+            self._waiting, self._before = None, (waiting, outcome)
+            if outcome.actor is not Actor.HUMAN:
+                self._report.answered(time.monotonic() - waiting.received)
+        self._tell(waiting, outcome, arbiter)
+
+    def _tell(self, waiting: Waiting, outcome: Outcome, arbiter: Arbiter) -> None:
+        status, proposal = waiting.tick.status, waiting.proposals.policy
+        if self._told == (waiting.tick.stamp, outcome.code):
+            return
+        self._told = waiting.tick.stamp, outcome.code
+        self._report.decided(outcome.code)
+        threshold = arbiter.settings.threshold if proposal.measure != "none" else float("nan")
+        measured = proposal.uncertainty, threshold, proposal.measure
+        decision = GateDecision(
+            waiting.tick.stamp, outcome.level, outcome.actor, outcome.reason, *measured,
+            episode=status.episode, step=status.step, code=outcome.code,
+        )  # fmt: skip
+        self._gate.publish(to_msg(decision))
 
     def _learn_from(self, tick: Tick, observation: NDArray[np.float64]) -> None:
         """Offer the transition that this tick ends, and take newer weights."""
         if self._apprentice is None or self._before is None:
             return
-        before, observation_before, answer = self._before
-        if tick.status.episode == before.status.episode and tick.status.step == before.status.step + 1:
+        before, outcome = self._before
+        status = before.tick.status
+        if tick.status.episode == status.episode and tick.status.step == status.step + 1:
+            assert outcome.delta is not None
             scaling = self._controller.policy.scaling
-            outcome = np.array([tick.status.reward, tick.status.terminated], dtype=np.float32)
-            states = map(scaling.normalize_observation, (observation_before, observation))
-            state, following = states
-            self._apprentice.offer(np.concatenate([state, answer.action, outcome, following]))
+            happened = np.array([tick.status.reward, tick.status.terminated], dtype=np.float32)
+            state, following = map(scaling.normalize_observation, (before.observation, observation))
+            row = np.concatenate([state, scaling.normalize_action(outcome.delta), happened, following])
+            self._apprentice.offer(row, outcome.actor is Actor.HUMAN)
         self._apprentice.renew()
 
     def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._enabled = request.data
-        if self._enabled and self._unanswered is not None:
-            self._on_tick(self._unanswered)  # in lockstep the simulation still waits for this answer
+        self._decide()  # in lockstep the simulation still waits for this answer
         return _say(response, True, "answers states" if request.data else "silent: the robot holds")
+
+    def _on_estop(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        if self._arbiter is None:
+            return _say(response, False, "no robot yet")
+        self._arbiter.stopped = request.data
+        self._decide()
+        return _say(response, True, "stopped until released" if request.data else "released")
 
     def _on_learn(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         if request.data and not self._params.agent:
@@ -142,20 +236,10 @@ class AgentNode(Node):
             return _say(response, False, str(error))
         return _say(response, True, f"saved into {path.parent}")
 
-    def _report(self) -> None:
-        waiting = self._task is None
-        values = {"answers": str(self._answers), "slowest_answer_ms": f"{self._slowest * 1e3:.3f}"}
-        level, message = Level.OK, "driving" if self._enabled else "disabled"
-        if self._apprentice is not None:
-            learning = self._apprentice
-            values |= {name: str(getattr(learning, name)) for name in ("offered", "dropped", "handovers")}
-            if not learning.running:
-                level, message = Level.ERROR, "the learning process has ended; call ~/learn again"
-        if waiting:
-            level, message = Level.WARN, "no task_description yet"
-        self._slowest = 0.0
+    def _say_health(self) -> None:
         now = self.get_clock().now().nanoseconds
-        self._diagnostics.publish(to_msg(Health(now, level, "agent_node: policy", message, values)))
+        health = self._report.health(now, self._enabled, self._arbiter, self._apprentice)
+        self._diagnostics.publish(to_msg(health))
 
     def destroy_node(self) -> None:
         """End the learning process, which saves its state, with the node."""

@@ -40,11 +40,13 @@ class Apprentice:
         """The process is alive."""
         return self._process.poll() is None
 
-    def offer(self, row: NDArray[np.float32]) -> None:
-        """Send one transition, a row as in ``Replay``; a full pipe drops it."""
+    def offer(self, row: NDArray[np.float32], by_person: bool = False) -> None:
+        """Send one transition, a row as in ``Replay``, marked by its source; a full pipe drops it."""
         self.offered += 1
         try:
-            os.write(self._pipe, row.tobytes())  # whole or not at all: shorter than PIPE_BUF
+            os.write(
+                self._pipe, np.append(row, np.float32(by_person)).tobytes()
+            )  # whole or not at all: shorter than PIPE_BUF
         except (BlockingIOError, BrokenPipeError):
             self.dropped += 1
 

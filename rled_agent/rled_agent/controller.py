@@ -1,6 +1,5 @@
-"""What the agent node does with a state: choose who acts, and say why. No ROS in here."""
+"""What the loaded networks would do in a state: the policy's proposal, and the expert's. No ROS in here."""
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -8,46 +7,45 @@ from typing import NamedTuple
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from rled_msgs_py.records import Actor, GateDecision, Level
+from rled_msgs_py.records import Actor
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import Tick
 
-from rled_agent.behaviour import MonteCarloGate, Noise, actor_source, policy_source
+from rled_agent.arbiter import Proposal, Source
+from rled_agent.behaviour import Noise, actor_source
 from rled_agent.policy import Policy, load_policy
 from rled_agent.uncertainty import Measure, MonteCarlo
 
+Vector = NDArray[np.float64]
+
 
 @dataclass(frozen=True)
-class GateSettings:
-    """When the expert stands in.
+class ActorSettings:
+    """How a learned actor proposes.
 
     Attributes:
-        threshold: ξ of Eq. 4.40.
-        measure: which u_t is compared with it.
+        measure: which u_t it is compared by.
         passes: N.
         noise: δ, exploration noise in halves of the action range.
         seed: of dropped units and noise.
     """
 
-    threshold: float
     measure: Measure
     passes: int
     noise: float
     seed: int
 
 
-class Answer(NamedTuple):
-    """What is published for one state.
+class Proposals(NamedTuple):
+    """What could be done in a state.
 
     Attributes:
-        delta: joint displacements (rad), shape (n,).
-        action: the same, normalised, as in a replay buffer.
-        decision: who acts and why.
+        policy: what the policy would do.
+        expert: what the expert would do instead, None when the policy stands alone.
     """
 
-    delta: NDArray[np.float64]
-    action: NDArray[np.float32]
-    decision: GateDecision
+    policy: Proposal
+    expert: Source | None
 
 
 class ExpertController:
@@ -56,10 +54,9 @@ class ExpertController:
     def __init__(self, expert: Policy) -> None:
         self.policy = expert
 
-    def answer(self, tick: Tick, observation: NDArray[np.float64]) -> Answer:
-        """Act as the expert."""
-        action = self.policy.scaling.normalize_action(self.policy.act(observation))
-        return _answer(self.policy, tick, action, Actor.EXPERT, "the expert is the policy")
+    def propose(self, observation: Vector) -> Proposals:
+        """For an observation, shape (o,)."""
+        return Proposals(Proposal(Actor.EXPERT, _lawful(self.policy, self.policy.act(observation))), None)
 
 
 class ActorController:
@@ -69,44 +66,35 @@ class ActorController:
         self.policy = agent
         self._act = actor_source(agent.network)
 
-    def answer(self, tick: Tick, observation: NDArray[np.float64]) -> Answer:
-        """Act as the actor."""
-        action = self._act(self.policy.scaling.normalize_observation(observation))
-        return _answer(self.policy, tick, action, Actor.AGENT, "the actor has no dropout, so no uncertainty")
+    def propose(self, observation: Vector) -> Proposals:
+        """For an observation, shape (o,)."""
+        scaling = self.policy.scaling
+        action = self._act(scaling.normalize_observation(observation))
+        return Proposals(Proposal(Actor.AGENT, _lawful(self.policy, scaling.denormalize_action(action))), None)
 
 
 class GatedController:
-    """The Monte-Carlo mean of the actor, or the expert where the actor is unsure (Eq. 4.40)."""
+    """The Monte-Carlo mean of the actor with its uncertainty (Eq. 4.38, 4.39), and the expert beside it."""
 
-    def __init__(self, agent: Policy, expert: Policy, settings: GateSettings) -> None:
-        self.policy, self.settings = agent, settings
+    def __init__(self, agent: Policy, expert: Policy, settings: ActorSettings) -> None:
+        self.policy, self._expert, self.measure = agent, expert, settings.measure
         generator = torch.Generator().manual_seed(settings.seed)
-        self._gate = MonteCarloGate(
-            MonteCarlo(agent.network, settings.passes, generator),
-            policy_source(expert, agent.scaling),
-            Noise(settings.noise, np.random.default_rng(settings.seed)),
-            settings.threshold,
-            settings.measure,
-        )
+        self._monte_carlo = MonteCarlo(agent.network, settings.passes, generator)
+        self._noise = Noise(settings.noise, np.random.default_rng(settings.seed))
 
-    def configure(self, threshold: float, measure: Measure) -> None:
-        """Compare another measure with another ξ from now on."""
-        self._gate.threshold, self._gate.measure = threshold, measure
-
-    def answer(self, tick: Tick, observation: NDArray[np.float64]) -> Answer:
-        """Act by Eq. 4.40."""
-        choice = self._gate.act(self.policy.scaling.normalize_observation(observation))
-        measure, threshold = self._gate.measure, self._gate.threshold
-        uncertainty = choice.uncertainty[measure]
-        sign = "<" if choice.actor is Actor.AGENT else ">="
-        reason = f"{measure} {uncertainty:.3g} {sign} threshold {threshold:.3g}"
-        return _answer(self.policy, tick, choice.action, choice.actor, reason, (uncertainty, threshold, measure))
+    def propose(self, observation: Vector) -> Proposals:
+        """For an observation, shape (o,)."""
+        scaling = self.policy.scaling
+        mean, uncertainty = self._monte_carlo(scaling.normalize_observation(observation))
+        delta = _lawful(self.policy, scaling.denormalize_action(self._noise.added_to(mean)))
+        proposal = Proposal(Actor.AGENT, delta, uncertainty[self.measure], self.measure)
+        return Proposals(proposal, lambda: _lawful(self._expert, self._expert.act(observation)))
 
 
 Controller = ExpertController | ActorController | GatedController
 
 
-def load_controller(expert: str, agent: str, settings: GateSettings) -> Controller:
+def load_controller(expert: str, agent: str, settings: ActorSettings) -> Controller:
     """The controller of the weights given: the expert alone, or an agent, gated if its actor has dropout.
 
     Raises:
@@ -122,23 +110,11 @@ def load_controller(expert: str, agent: str, settings: GateSettings) -> Controll
     return GatedController(learned, cloned, settings)
 
 
-def observe(task: TaskDescription, tick: Tick) -> NDArray[np.float64]:
+def observe(task: TaskDescription, tick: Tick) -> Vector:
     """State vector of a tick, shape (o,)."""
     return task.observe(tick.joints.ordered(task.joint_names).position, tick.ee.position, tick.target.position)
 
 
-def _answer(
-    policy: Policy,
-    tick: Tick,
-    action: NDArray[np.float32],
-    actor: Actor,
-    reason: str,
-    gated: tuple[float, float, str] = (math.nan, math.nan, "none"),
-) -> Answer:
-    limit = policy.task.max_delta
-    delta = np.clip(policy.scaling.denormalize_action(action), -limit, limit)
-    stands_in = actor is Actor.EXPERT and gated[2] != "none"
-    level = Level.WARN if stands_in else Level.OK
-    status = tick.status
-    decision = GateDecision(tick.stamp, level, actor, reason, *gated, episode=status.episode, step=status.step)
-    return Answer(delta, action, decision)
+def _lawful(policy: Policy, delta: NDArray[np.floating]) -> Vector:
+    """A displacement (rad) within Δq_max."""
+    return np.clip(np.asarray(delta, dtype=np.float64), -policy.task.max_delta, policy.task.max_delta)

@@ -1,7 +1,8 @@
 """Learning beside control: a process of its own takes transitions from a pipe and hands weights over.
 
-The control process writes rows of a replay buffer to this program's standard input and never waits: what does not fit
-into the pipe is dropped and counted. Actor weights come back through a ``WeightSlot``.
+The control process writes rows of a replay buffer to this program's standard input, each with a 1 behind it where a
+person acted, and never waits: what does not fit into the pipe is dropped and counted. Actor weights come back through a
+``WeightSlot``.
 """
 
 import os
@@ -19,14 +20,16 @@ from numpy.typing import NDArray
 from rled_msgs_py.errors import command_line
 from rled_msgs_py.stopping import stop_requested
 
-from rled_agent.checkpoint import read_checkpoint, write_checkpoint
+from rled_agent.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
 from rled_agent.config import TrainConfig
 from rled_agent.learner import Learner
 from rled_agent.learning_state import pack, unpack
 from rled_agent.policy import load_policy
-from rled_agent.replay import Replay
+from rled_agent.replay import Batch, Replay
 from rled_agent.run_directory import RunDirectory
 from rled_agent.weight_slot import WeightSlot
+
+PERSON_ROWS = "person.rows"
 
 
 @dataclass(frozen=True)
@@ -43,6 +46,8 @@ class Options:
     """transitions before the first gradient step, when nothing was learned before"""
     updates_per_step: float = 1.0
     """gradient steps for each transition"""
+    person_share: float = 0.25
+    """share of each batch drawn from what a person did, once there is any (online knowledge, section 3.3)"""
     handover_every: int = 20
     """gradient steps between two hand-overs of weights"""
     seed: int = 0
@@ -67,19 +72,22 @@ class Student:
         self.options, self._batch_size = options, config.schedule.batch_size
         self.learner = Learner(*sizes, settings, torch.Generator().manual_seed(options.seed))
         self.replay = Replay(*sizes, config.schedule.capacity)
+        self.by_person = Replay(*sizes, config.schedule.capacity)
         self.learner.actor.parameters.copy_(policy.network.parameters)
         self.learner.target_actor.parameters.copy_(policy.network.parameters)
         before = next((path for path in (options.checkpoint, run.checkpoint_path) if path.exists()), None)
         if before is not None:
-            unpack(read_checkpoint(before), self.learner, self.replay)
+            checkpoint = read_checkpoint(before)
+            unpack(checkpoint, self.learner, self.replay)
+            if PERSON_ROWS in checkpoint.tensors:
+                self.by_person.extend(checkpoint.tensors[PERSON_ROWS].numpy())
         self._waiting = 0 if before is not None else options.train_after
         self._received = self._made = 0
 
     def add(self, rows: NDArray[np.float32]) -> None:
-        """Store transitions, rows as in ``Replay``."""
-        for row in rows:
-            self.replay.rows[self.replay.added % self.replay.capacity] = row
-            self.replay.added += 1
+        """Store transitions, rows as in ``Replay`` and behind each 1 where a person acted; those are kept twice."""
+        self.replay.extend(rows[:, :-1])
+        self.by_person.extend(rows[rows[:, -1] > 0.0, :-1])
         self._received += len(rows)
 
     def is_due(self) -> bool:
@@ -88,17 +96,25 @@ class Student:
 
     def update(self) -> None:
         """One gradient step."""
-        self.learner.update(self.replay.sample(self._batch_size, self.learner.generator))
+        by_person = round(self._batch_size * self.options.person_share) if len(self.by_person) else 0
+        batch = self.replay.sample(self._batch_size - by_person, self.learner.generator)
+        if by_person:
+            demonstrated = self.by_person.sample(by_person, self.learner.generator)
+            rows = torch.cat((batch.rows, demonstrated.rows))
+            batch = Batch(rows, batch.observation_size, batch.action_size, by_person)
+        self.learner.update(batch)
         self._made += 1
 
     def save(self) -> None:
         """Write all state."""
-        write_checkpoint(self.options.checkpoint, pack(self.learner, self.replay))
+        tensors, state = pack(self.learner, self.replay)
+        rows = torch.from_numpy(self.by_person.rows[: len(self.by_person)])
+        write_checkpoint(self.options.checkpoint, Checkpoint(tensors | {PERSON_ROWS: rows}, state))
 
 
 def learn(student: Student, slot: WeightSlot, stop: Event, save: Event) -> None:
     """Take transitions and make the gradient steps that are owed, until the input ends or ``stop`` is set."""
-    source, width = sys.stdin.fileno(), student.replay.rows.shape[1]
+    source, width = sys.stdin.fileno(), student.replay.rows.shape[1] + 1
     pending = b""
     while not stop.is_set():
         waiting = 0.0 if student.is_due() else 0.1

@@ -30,9 +30,8 @@ class Batch:
 
     def parts(self) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """(s, a) side by side, r, terminated, s': shapes (b, o + n), (b, 1), (b, 1), (b, o)."""
-        pair, reward, terminated, following = self.rows.split(
-            (self.observation_size + self.action_size, 1, 1, self.observation_size), dim=1
-        )
+        widths = (self.observation_size + self.action_size, 1, 1, self.observation_size)
+        pair, reward, terminated, following = self.rows.split_with_sizes(widths, dim=1)
         return pair, reward, terminated, following
 
     @property
@@ -76,7 +75,7 @@ class Replay:
         self.observation_size, self.action_size, self.capacity = observation_size, action_size, capacity
         self.added = 0
         self.rows = np.zeros((capacity, 2 * observation_size + action_size + 2), dtype=np.float32)
-        self._tensor = torch.from_numpy(self.rows)
+        self._tensor, self._chosen = torch.from_numpy(self.rows), torch.empty(0, dtype=torch.int64)
 
     def __len__(self) -> int:
         """Transitions held."""
@@ -108,5 +107,7 @@ class Replay:
 
     def sample(self, size: int, generator: torch.Generator) -> Batch:
         """Draw transitions uniformly, with replacement."""
-        chosen = torch.empty(size, dtype=torch.int64).random_(len(self), generator=generator)
-        return Batch(self._tensor.index_select(0, chosen), self.observation_size, self.action_size)
+        if self._chosen.shape[0] != size:
+            self._chosen = torch.empty(size, dtype=torch.int64)
+        self._chosen.random_(len(self), generator=generator)
+        return Batch(self._tensor.index_select(0, self._chosen), self.observation_size, self.action_size)

@@ -14,6 +14,7 @@ from rled_msgs_py.errors import ContractError
 from rled_msgs_py.records import (
     Actor,
     DeltaCommand,
+    GateCode,
     GateDecision,
     Health,
     JointSample,
@@ -158,6 +159,7 @@ def gate_decision_to_msg(decision: GateDecision, types: MessageTypes) -> Any:
         "measure": decision.measure,
         "episode": str(decision.episode),
         "step": str(decision.step),
+        "code": str(decision.code.value),
     }
     message = f"{decision.actor.value}: {decision.reason}"
     return _diagnostic(Health(decision.stamp, decision.level, "safety_gate", message, values), types)
@@ -169,7 +171,10 @@ def gate_decision_from_msg(msg: Any) -> GateDecision:
     actor, colon, reason = health.message.partition(": ")
     if not colon or actor not in {each.value for each in Actor}:
         raise ContractError(f"gate message '{health.message}'", "agent|expert|human|hold: reason")
-    values = _values(health, "uncertainty", "threshold", "measure", "episode", "step")
+    values = _values(health, "uncertainty", "threshold", "measure", "episode", "step", "code")
+    code = _count(values[5])
+    if code not in set(GateCode):
+        raise ContractError(f"gate code {code}", f"0 to {max(GateCode).value}")
     return GateDecision(
         health.stamp,
         health.level,
@@ -180,6 +185,7 @@ def gate_decision_from_msg(msg: Any) -> GateDecision:
         values[2],
         _count(values[3]),
         _count(values[4]),
+        GateCode(code),
     )
 
 

@@ -7,7 +7,7 @@ Stamps are nanoseconds of simulation time. Arrays are read-only float64. Orienta
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from enum import Enum
+from enum import Enum, IntEnum
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -154,6 +154,27 @@ class Level(Enum):
     ERROR = 2
 
 
+class GateCode(IntEnum):
+    """Why somebody moves the robot, for programs and plots."""
+
+    SURE = 0
+    """The agent's uncertainty is below the threshold."""
+    UNGATED = 1
+    """The policy has no uncertainty, so it always acts."""
+    UNSURE = 2
+    """The agent's uncertainty is not below the threshold: the expert stands in, or the robot holds."""
+    LIMIT = 3
+    """A limit forbids the displacement: the expert stands in, or the robot holds."""
+    HUMAN = 4
+    """A person drives."""
+    ASKING = 5
+    """The agent is unsure, and a person is asked before the expert stands in."""
+    STALE = 6
+    """The state is too old to act on."""
+    STOPPED = 7
+    """The emergency stop is on."""
+
+
 @dataclass(frozen=True)
 class GateDecision:
     """One decision of the safety gate.
@@ -168,6 +189,7 @@ class GateDecision:
         measure: name of the uncertainty measure, or ``none``.
         episode: episode counter of the task.
         step: step within the episode.
+        code: why, for programs.
     """
 
     stamp: int
@@ -179,6 +201,7 @@ class GateDecision:
     measure: str
     episode: int
     step: int
+    code: GateCode
 
 
 @dataclass(frozen=True)

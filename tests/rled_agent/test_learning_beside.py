@@ -136,13 +136,17 @@ def transitions(count: int) -> np.ndarray:
     return np.random.default_rng(0).normal(size=(count, 4 + 2 + 2 + 4)).astype(np.float32)
 
 
+def marked(count: int, by_person: bool = False) -> np.ndarray:
+    return np.column_stack([transitions(count), np.full(count, by_person, dtype=np.float32)])
+
+
 def test_gradient_steps_are_owed_for_transitions(make_policy, tmp_path):
     make_policy().save(tmp_path / "policy")
     config = TrainConfig(schedule=ScheduleConfig(capacity=30))
     RunDirectory(tmp_path).create({"config": config.to_dict()})
     options = Options(tmp_path / "policy", "slot", tmp_path / "state", train_after=10, updates_per_step=0.5)
     student = Student(options)
-    for rows, owed in ((transitions(10), 0), (transitions(7), 4), (transitions(1), 0), (transitions(20), 10)):
+    for rows, owed in ((marked(10), 0), (marked(7), 4), (marked(1), 0), (marked(20), 10)):
         student.add(rows)
         begun = student.learner.updates
         while student.is_due():
@@ -165,8 +169,28 @@ def test_the_student_goes_on_from_the_run_of_the_policy(make_policy, tmp_path):
     assert torch.equal(student.learner.critic.parameters, learner.critic.parameters)
     assert (student.replay.added, student.learner.updates) == (40, 33)
     assert not student.is_due()
-    student.add(transitions(1))
+    student.add(marked(1))
     assert student.is_due()
+
+
+def test_what_a_person_did_is_learned_from_at_once_and_kept(make_policy, tmp_path, monkeypatch):
+    make_policy().save(tmp_path / "policy")
+    options = Options(tmp_path / "policy", "slot", tmp_path / "state", train_after=0, person_share=0.25)
+    student, batches = Student(options), []
+    update = student.learner.update
+    monkeypatch.setattr(student.learner, "update", lambda batch: (batches.append(batch), update(batch)))
+    student.add(marked(40))
+    student.update()
+    student.add(by_person := marked(3, by_person=True))
+    student.update()
+    assert [batch.demonstrated for batch in batches] == [0, len(batches[0]) // 4]
+    assert len(batches[0]) == len(batches[1])
+    drawn = batches[1].rows[-batches[1].demonstrated :].numpy()
+    assert {row.tobytes() for row in drawn} <= {row.tobytes() for row in by_person[:, :-1]}
+    student.save()
+    again = Student(options)
+    assert (again.replay.added, len(again.by_person)) == (43, 3)
+    np.testing.assert_array_equal(again.by_person.rows[:3], by_person[:, :-1])
 
 
 @pytest.fixture

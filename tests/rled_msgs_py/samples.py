@@ -11,6 +11,7 @@ from rled_msgs_py.messages import LATEST
 from rled_msgs_py.records import (
     Actor,
     DeltaCommand,
+    GateCode,
     GateDecision,
     Health,
     JointSample,
@@ -139,6 +140,7 @@ DECISIONS = st.builds(
     TEXTS,
     COUNTS,
     COUNTS,
+    st.sampled_from(GateCode),
 )
 
 RECORDS: dict[Topic, st.SearchStrategy[Any]] = {

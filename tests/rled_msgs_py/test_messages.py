@@ -14,6 +14,7 @@ from rled_msgs_py.errors import ContractError
 from rled_msgs_py.records import (
     Actor,
     DeltaCommand,
+    GateCode,
     GateDecision,
     JointSample,
     Level,
@@ -194,11 +195,13 @@ def test_a_decision_of_nobody_is_refused(message):
 
 
 def test_a_decision_says_who_acts_and_why():
-    decision = GateDecision(1, Level.WARN, Actor.EXPERT, "uncertain: u >= ξ", 0.5, float("nan"), "qcd", 1, 2)
+    figures = 0.5, math.nan, "qcd", 1, 2, GateCode.UNSURE
+    decision = GateDecision(1, Level.WARN, Actor.EXPERT, "uncertain: u >= ξ", *figures)
     message = to_msg(decision)
     assert message.status[0].message == "expert: uncertain: u >= ξ"
     back = from_msg(SAFETY_GATE, message)
     assert (back.actor, back.reason, back.uncertainty) == (Actor.EXPERT, "uncertain: u >= ξ", 0.5)
+    assert back.code is GateCode.UNSURE
     assert math.isnan(back.threshold)
 
 
