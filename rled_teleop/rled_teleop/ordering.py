@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import NamedTuple
 
-from rled_msgs_py.bags.header import stamp_of
+from rled_msgs_py.bags.header import sim_stamp
 from rled_msgs_py.topics import Topic
 
 
@@ -13,7 +13,7 @@ class Received(NamedTuple):
     Attributes:
         stamp: simulation time that it is filed under (ns).
         rank: place of its topic among the topics of one stamp.
-        number: running number of reception.
+        number: running number of reception, under which the bag keeps it.
         topic: where it came from.
         data: the message as received, CDR with its four-byte header.
     """
@@ -32,32 +32,34 @@ class Ordering:
     stamp that was there at the call before it, and all that was there itself: a message waits at most two calls, also
     when stamps go back (latched topics hand a late joiner their history one after another). What has no stamp waits
     for the first stamp, and is filed under the newest one.
+
+    Attributes:
+        newest: the stamp received last (ns), None before the first.
     """
 
     def __init__(self) -> None:
         self._held: list[Received] = []
-        self._unstamped: list[tuple[int, Topic, bytes]] = []
-        self._newest: int | None = None
+        self._unstamped: list[Received] = []
+        self.newest: int | None = None
         self._ripe: int | None = None
-        self._count = self._waiting = 0
+        self._next = self._waiting = 0
 
-    def add(self, topic: Topic, rank: int, data: bytes) -> None:
-        """Take a message as received."""
-        stamp = stamp_of(topic.type, data)
+    def add(self, topic: Topic, rank: int, data: bytes, number: int) -> None:
+        """Take a message as received; ``number`` is greater than that of the one before."""
+        stamp = sim_stamp(topic.name, topic.type, data)
         if stamp is not None:
-            self._newest = stamp
-            for rank_, topic_, data_ in self._unstamped:
-                self._hold(stamp, rank_, topic_, data_)
+            self.newest = stamp
+            self._held += [each._replace(stamp=stamp) for each in self._unstamped]
             self._unstamped.clear()
-        if self._newest is None:
-            self._unstamped.append((rank, topic, data))
-        else:
-            self._hold(self._newest if stamp is None else stamp, rank, topic, data)
+        filed = self.newest if stamp is None else stamp
+        held = self._unstamped if filed is None else self._held
+        held.append(Received(filed or 0, rank, number, topic, data))
+        self._next = number + 1
 
     def due(self) -> list[Received]:
         """What is ripe to be written, in order."""
-        ripe, self._ripe = self._ripe, self._newest
-        waited, self._waiting = self._waiting, self._count
+        ripe, self._ripe = self._ripe, self.newest
+        waited, self._waiting = self._waiting, self._next
         if ripe is None:
             return []
         written, self._held = partition(self._held, lambda each: each.stamp <= ripe or each.number < waited)
@@ -65,14 +67,8 @@ class Ordering:
 
     def rest(self) -> list[Received]:
         """Everything still held, in order."""
-        for rank, topic, data in self._unstamped:
-            self._hold(self._newest or 0, rank, topic, data)
-        rest, self._held, self._unstamped = sorted(self._held), [], []
+        rest, self._held, self._unstamped = sorted([*self._held, *self._unstamped]), [], []
         return rest
-
-    def _hold(self, stamp: int, rank: int, topic: Topic, data: bytes) -> None:
-        self._held.append(Received(stamp, rank, self._count, topic, data))
-        self._count += 1
 
 
 def partition(messages: list[Received], chosen: Callable[[Received], bool]) -> tuple[list[Received], list[Received]]:

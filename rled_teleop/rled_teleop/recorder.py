@@ -1,8 +1,8 @@
 """Node: writes what travels on the topics, received over DDS and unchanged, into a bag."""
 
 import time
-from collections import defaultdict, deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -10,9 +10,9 @@ from typing import Any
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
-from rled_msgs_py.bags import FLUSH_PERIOD, BagError, BagWriter
+from rled_msgs_py.bags import BagError, BagWriter
 from rled_msgs_py.bags.codec import decode, encode
-from rled_msgs_py.bags.header import stamp_of
+from rled_msgs_py.bags.header import sim_stamp
 from rled_msgs_py.convert import MESSAGE_CLASSES, qos_profile, to_msg
 from rled_msgs_py.errors import ContractError
 from rled_msgs_py.node import advertise, declare
@@ -21,11 +21,9 @@ from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import STATE_TOPICS
 from rled_msgs_py.topics import (
     DIAGNOSTICS,
-    EE_POSE,
     EPISODE_EVENTS,
     HUMAN_JOINT_DELTA,
     JOINT_DELTA,
-    JOINT_STATES,
     MARKED_EE_POSE,
     MARKED_JOINT_STATES,
     RECORDED,
@@ -38,17 +36,17 @@ from std_srvs.srv import SetBool, Trigger
 
 from rled_teleop import __version__
 from rled_teleop.episodes import About, Episodes, Refusal, targets_reached
+from rled_teleop.opening import Early, Opening
 from rled_teleop.ordering import Ordering, Received
+from rled_teleop.recent import Recent
 from rled_teleop.record_params import RecordParams, extra_topics
 
-WRITE_PERIOD = FLUSH_PERIOD / 2.0
-"""Seconds between writes; for the sake of their order, messages are held for two of them."""
+WRITE_PERIOD = 0.05
+"""Seconds between writes; for the sake of their order messages are held for two of them, safe already."""
 REPORT_PERIOD = 1.0
 """Seconds between reports on ``/diagnostics``."""
 HISTORY = 1000
 """Messages of a topic that wait for the recorder when it is held up."""
-RECENT = 8
-"""Messages of a topic kept for marking a pose: state topics may be some ticks apart."""
 DESCRIPTIONS = (ROBOT_DESCRIPTION, TASK_DESCRIPTION)
 TICKING = (*STATE_TOPICS, JOINT_DELTA, HUMAN_JOINT_DELTA)
 """Topics whose messages belong to a tick."""
@@ -67,11 +65,11 @@ class Recorder(Node):
         self.params = declare(self, RecordParams)
         self._topics = (*extra_topics(self.params.topics), *RECORDED)
         self._ordering = Ordering()
-        self._recent: defaultdict[Topic, deque[bytes]] = defaultdict(lambda: deque(maxlen=RECENT))
+        self._recent = Recent()
         self._episodes = Episodes(About(self.params.operator_name or self.params.operator, __version__))
-        self._described, self._is_awaited = False, not self.params.paused
+        self._described, self._is_awaited, self._opening = False, not self.params.paused, Opening()
         self._after = self._until = -1  # stamps of the newest tick when the episode began and when the last one ended
-        self._written, self._flushed = 0, time.monotonic()
+        self._kept, self._written_at = 0, time.monotonic()
         self._marks = (advertise(self, MARKED_JOINT_STATES), advertise(self, MARKED_EE_POSE))
         self._events, self._reports = advertise(self, EPISODE_EVENTS), advertise(self, DIAGNOSTICS)
         self.create_service(SetBool, "~/record", self._on_record)
@@ -87,28 +85,23 @@ class Recorder(Node):
         """
         self._bag = bag
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(WRITE_PERIOD / 5.0, self._on_timer, clock=steady)
+        self.create_timer(WRITE_PERIOD, self._write_when_due, clock=steady)
         self.create_timer(REPORT_PERIOD, self._report, clock=steady)
         for topic in DESCRIPTIONS:
             self._listen(topic)
 
     def finish(self) -> None:
         """End the episode and write what is still held, but for the parts of a tick that is not complete."""
-        newest = [self._newest_stamp(topic) for topic in STATE_TOPICS]
+        newest = self._recent.stamps(STATE_TOPICS)
         complete = min(newest) if min(newest) >= 0 else max(newest)
         if self._episodes.running:
-            self._tell(self._episodes.stop(complete))
+            self._tell(self._episodes.stop(max(complete, self._after)))
         rest = self._ordering.rest()
         self._write([each for each in rest if each.topic not in TICKING or each.stamp <= complete])
 
     def is_complete(self) -> bool:
         """Whether the state that the newest delta led to is there, on all its topics."""
-        delta = self._newest_stamp(JOINT_DELTA)
-        return all(self._newest_stamp(topic) > delta for topic in STATE_TOPICS)
-
-    def _newest_stamp(self, topic: Topic) -> int:
-        recent = self._recent[topic]
-        return (stamp_of(topic.type, recent[-1]) or 0) if recent else -1
+        return min(self._recent.stamps(STATE_TOPICS)) > self._recent.stamp(JOINT_DELTA)
 
     def _listen(self, topic: Topic) -> None:
         received = partial(self._received, topic, self._topics.index(topic))
@@ -116,21 +109,39 @@ class Recorder(Node):
         self.create_subscription(MESSAGE_CLASSES[topic.type], topic.name, received, qos, raw=True)
 
     def _received(self, topic: Topic, rank: int, data: bytes) -> None:
-        stamp = stamp_of(topic.type, data) or 0
-        if topic in TICKING and stamp < self._newest_stamp(topic):  # the simulation was restarted
+        stamp = sim_stamp(topic.name, topic.type, data) or 0
+        if topic in TICKING and stamp < self._recent.stamp(topic):  # the simulation was restarted
             self._after = self._until = -1
-        self._recent[topic].append(data)
+        self._recent.add(topic, data)
         if topic == TASK_STATUS:
             self._episodes.observe(targets_reached(data))
         if topic in DESCRIPTIONS or self._belongs(topic, stamp):
-            self._ordering.add(topic, rank, data)
-        elif self._is_awaited:
-            self._is_awaited = False
-            self._ordering.add(topic, rank, data)
-            self._tell(self._episodes.start(stamp))
+            self._keep(topic, rank, data)
+        elif self._is_awaited and topic in TICKING:
+            self._opening.add(Early(topic, rank, stamp, data))
+            self._begin_when_ready()
         if topic in DESCRIPTIONS:
             self._listen_to_the_rest()
-        self._flush_when_due()  # a burst of messages keeps the timer waiting
+        self._write_when_due()  # a burst of messages keeps the timer waiting
+
+    def _begin_when_ready(self) -> None:
+        if not (self._is_awaited and self._opening.is_ready()):
+            return
+        self._is_awaited = False
+        first, *others = self._opening.messages()
+        self._after = first.stamp - 1
+        self._keep(first.topic, first.rank, first.data)
+        self._tell(self._episodes.start(first.stamp))
+        for each in others:
+            self._keep(each.topic, each.rank, each.data)
+
+    def _keep(self, topic: Topic, rank: int, data: bytes) -> None:
+        """Make a message safe at once; it is written when its place among the others is known."""
+        stamp = sim_stamp(topic.name, topic.type, data)
+        with self._said_when_failing():
+            number = self._bag.keep(topic, data, (self._ordering.newest or 0) if stamp is None else stamp)
+        self._ordering.add(topic, rank, data, number)
+        self._kept += 1
 
     def _belongs(self, topic: Topic, stamp: int) -> bool:
         """Whether a message is of an episode: episodes begin and end between two ticks."""
@@ -139,46 +150,47 @@ class Recorder(Node):
         return stamp <= self._until or (self._episodes.running and stamp > self._after)
 
     def _listen_to_the_rest(self) -> None:
-        if self._described or not all(self._recent[topic] for topic in DESCRIPTIONS):
+        text = self._recent.newest(TASK_DESCRIPTION)
+        if self._described or text is None or self._recent.newest(ROBOT_DESCRIPTION) is None:
             return
         self._described = True
-        self._describe()
+        self._describe(text)
         for topic in self._topics:
             if topic not in (*DESCRIPTIONS, EPISODE_EVENTS):
                 self._listen(topic)
 
-    def _describe(self) -> None:
+    def _describe(self, text: bytes) -> None:
         try:
-            text = decode(TASK_DESCRIPTION, self._recent[TASK_DESCRIPTION][-1])
-            assert isinstance(text, Text)
-            self._episodes.describe(TaskDescription.from_json(text.data))
+            description = decode(TASK_DESCRIPTION, text)
+            assert isinstance(description, Text)
+            self._episodes.describe(TaskDescription.from_json(description.data))
         except ContractError as error:
             self.get_logger().error(f"{TASK_DESCRIPTION.name}: {error}")
 
-    def _flush_when_due(self) -> None:
-        if (now := time.monotonic()) - self._flushed >= WRITE_PERIOD:
-            self._flushed = now
+    def _write_when_due(self) -> None:
+        if (now := time.monotonic()) - self._written_at >= WRITE_PERIOD:
+            self._written_at = now
+            self._begin_when_ready()
             self._write(self._ordering.due())
 
-    def _on_timer(self) -> None:
-        self._flush_when_due()
-        if not self._described:
-            self.get_logger().info("waiting for a simulation", throttle_duration_sec=5.0, skip_first=True)
-
     def _write(self, messages: list[Received]) -> None:
-        try:
+        with self._said_when_failing():
             for message in messages:
-                self._bag.write_cdr(message.topic, message.data, message.stamp)
-            if messages:
-                self._bag.flush()
+                self._bag.write_cdr(message.topic, message.data, message.stamp, number=message.number)
+
+    @contextmanager
+    def _said_when_failing(self) -> Iterator[None]:
+        try:
+            yield
         except BagError as error:
             self._say_last(error)
             raise
-        self._written += len(messages)
 
     def _report(self) -> None:
         doing = f"recording episode {self._episodes.number}" if self._episodes.running else "paused"
         self._health(Level.OK, doing if self._described else "waiting for a simulation")
+        if not self._described:
+            self.get_logger().info("waiting for a simulation", throttle_duration_sec=5.0, skip_first=True)
 
     def _say_last(self, error: BagError) -> None:
         """Say loudly that the recording has ended."""
@@ -187,16 +199,16 @@ class Recorder(Node):
         self._reports.wait_for_all_acked(LAST_WORDS)
 
     def _health(self, level: Level, message: str) -> None:
-        values = {"episode": str(self._episodes.number), "messages": str(self._written)}
+        values = {"episode": str(self._episodes.number), "messages": str(self._kept)}
         now = self.get_clock().now().nanoseconds
         self._reports.publish(to_msg(Health(now, level, "record_demos: bag", message, values)))
 
     def _now(self) -> int:
-        return max(self._newest_stamp(topic) for topic in (*STATE_TOPICS, JOINT_DELTA))
+        return max(self._recent.stamps((*STATE_TOPICS, JOINT_DELTA)))
 
     def _tell(self, event: str) -> None:
         """Record an event beside the messages of its time, and tell everybody."""
-        self._ordering.add(EPISODE_EVENTS, self._topics.index(EPISODE_EVENTS), encode(EPISODE_EVENTS, Text(event)))
+        self._keep(EPISODE_EVENTS, self._topics.index(EPISODE_EVENTS), encode(EPISODE_EVENTS, Text(event)))
         self._events.publish(to_msg(Text(event)))
 
     def _on_record(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
@@ -229,18 +241,10 @@ class Recorder(Node):
         return response
 
     def _on_mark_pose(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        pose = self._newest_pose()
+        pose = self._recent.pose()
         response.success = pose is not None and self._episodes.running
         response.message = "marked" if response.success else "paused" if pose else "no state received yet"
         if pose is not None and response.success:
             for publisher, data in zip(self._marks, pose, strict=True):
                 publisher.publish(data)
         return response
-
-    def _newest_pose(self) -> tuple[bytes, bytes] | None:
-        """Joint state and pose of the newest stamp that both have."""
-        joints, poses = (
-            {stamp_of(topic.type, each): each for each in self._recent[topic]} for topic in (JOINT_STATES, EE_POSE)
-        )
-        common = [stamp for stamp in joints.keys() & poses.keys() if stamp is not None]
-        return (joints[max(common)], poses[max(common)]) if common else None

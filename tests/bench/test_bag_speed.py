@@ -33,7 +33,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with BagWriter(path) as bag:
         for k in range(MESSAGES):
             stamp = k * 1_000_000
-            data = moved(JOINT_STATES.type, template, stamp)
+            data = moved(JOINT_STATES.name, JOINT_STATES.type, template, stamp)
             bag.write_cdr(JOINT_STATES, data[:place] + noise[k % 1000].tobytes() + data[place + q.nbytes :], stamp)
             if k % 25 == 24:
                 bag.flush()

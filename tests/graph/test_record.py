@@ -305,7 +305,7 @@ class Person:
 def recording_of_a_running_simulation(bag: Path, domain: int, *arguments: str) -> Iterator[tuple[Process, Person]]:
     simulation = Process("rled_sim", "sim_node", "--robot", "planar", "--mode", "real_time", "--discovery-wait", "0.2")
     with closing(simulation), closing(recorder(bag, *arguments)) as recording, closing(Person(domain)) as person:
-        await_that(grows_beyond(bag, 20_000), "messages")
+        await_that(grows_beyond(bag, 200_000), "messages")
         yield recording, person
 
 

@@ -252,6 +252,7 @@ import resource, sys
 from pathlib import Path
 from tests.rled_msgs_py.samples import recording
 from rled_msgs_py.bags import BagWriter
+from rled_msgs_py.bags.codec import encode
 from rled_msgs_py.errors import command_line
 
 @command_line
@@ -259,6 +260,10 @@ def main():
     resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]), int(sys.argv[2])))
     with BagWriter(Path(sys.argv[1])) as writer:
         for number, (topic, record) in enumerate(recording(400)):
+            if sys.argv[3] == "kept":
+                writer.keep(topic, encode(topic, record), getattr(record, "stamp", 0))
+                print(number + 1, flush=True)
+                continue
             writer.write(topic, record)
             if number % 10 == 9:
                 writer.flush()
@@ -270,11 +275,12 @@ main()
 """
 
 
+@pytest.mark.parametrize("how", ["kept", "flushed"])
 @pytest.mark.parametrize("limit", [20_000, 33_333, 50_001])
-def test_a_full_disk_is_one_line_that_says_what_was_kept(tmp_path, limit):
+def test_a_full_disk_is_one_line_that_says_what_was_kept(tmp_path, limit, how):
     path = tmp_path / "bag"
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
-    command = [sys.executable, "-c", LIMITED, str(path), str(limit)]
+    command = [sys.executable, "-c", LIMITED, str(path), str(limit), how]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 2, done.stderr
     kept = int(done.stdout.splitlines()[-1])

@@ -170,9 +170,9 @@ def test_a_message_is_moved_in_time_and_otherwise_the_same(tmp_path):
         for topic, record in [*tick(3), (topics.ROBOT_DESCRIPTION, Text("x"))]:
             bag.write(topic, record)
     for message in Bag(path).messages():
-        data = moved(message.topic.type, message.data, 2_500_000_000)
+        data = moved(message.name, message.topic.type, message.data, 2_500_000_000)
         if message.name == "robot_description":
             assert data == message.data
         else:
             assert stamp_of(message.topic.type, data) == 3 * PERIOD + 2_500_000_000
-            assert moved(message.topic.type, data, -2_500_000_000) == message.data
+            assert moved(message.name, message.topic.type, data, -2_500_000_000) == message.data

@@ -2,7 +2,7 @@ import struct
 from itertools import permutations
 
 from rled_msgs_py.bags.header import stamp_of
-from rled_msgs_py.topics import EE_POSE, JOINT_DELTA, JOINT_STATES, MARKERS, ROBOT_DESCRIPTION, Topic
+from rled_msgs_py.topics import DIAGNOSTICS, EE_POSE, JOINT_DELTA, JOINT_STATES, MARKERS, ROBOT_DESCRIPTION, Topic
 from rled_teleop.ordering import Ordering
 
 RANKS = {ROBOT_DESCRIPTION: 0, JOINT_STATES: 1, EE_POSE: 2, JOINT_DELTA: 3}
@@ -14,8 +14,8 @@ def message(stamp: int, payload: bytes = b"payload.") -> bytes:
 
 def order_of(messages: list[tuple[Topic, bytes]]) -> list[tuple[int, str]]:
     ordering = Ordering()
-    for topic, data in messages:
-        ordering.add(topic, RANKS[topic], data)
+    for number, (topic, data) in enumerate(messages):
+        ordering.add(topic, RANKS[topic], data, number)
     return [(each.stamp, each.topic.name) for each in ordering.rest()]
 
 
@@ -50,15 +50,23 @@ def test_a_text_without_any_stamp_is_filed_under_zero() -> None:
 def test_messages_of_one_topic_and_stamp_keep_their_order() -> None:
     ordering = Ordering()
     for number in range(5):
-        ordering.add(JOINT_STATES, 1, message(20, bytes([number])))
+        ordering.add(JOINT_STATES, 1, message(20, bytes([number])), number)
     assert [each.data[-1] for each in ordering.rest()] == [0, 1, 2, 3, 4]
+
+
+def test_the_time_of_the_day_on_diagnostics_is_no_stamp() -> None:
+    ordering = Ordering()
+    ordering.add(JOINT_STATES, 1, message(20), 0)
+    ordering.add(DIAGNOSTICS, 0, message(1_700_000_000 * 10**9), 1)
+    ordering.add(JOINT_STATES, 1, message(40), 2)
+    assert [each.stamp for each in ordering.rest()] == [20, 20, 40]
 
 
 def test_a_message_waits_for_two_calls_at_most() -> None:
     ordering = Ordering()
-    ordering.add(JOINT_STATES, 1, message(20))
+    ordering.add(JOINT_STATES, 1, message(20), 0)
     assert ordering.due() == []
-    ordering.add(JOINT_STATES, 1, message(40))
+    ordering.add(JOINT_STATES, 1, message(40), 1)
     assert [each.stamp for each in ordering.due()] == [20]
     assert [each.stamp for each in ordering.due()] == [40]
     assert ordering.due() == []
@@ -66,7 +74,7 @@ def test_a_message_waits_for_two_calls_at_most() -> None:
 
 def test_a_stamp_before_the_newest_is_not_held_back() -> None:
     ordering = Ordering()
-    ordering.add(JOINT_STATES, 1, message(1000))
+    ordering.add(JOINT_STATES, 1, message(1000), 0)
     ordering.due()
-    ordering.add(JOINT_STATES, 1, message(20))
+    ordering.add(JOINT_STATES, 1, message(20), 1)
     assert [each.stamp for each in ordering.due()] == [20, 1000]

@@ -7,14 +7,12 @@
 from rled_msgs_py.bags.bag import Bag
 from rled_msgs_py.bags.copies import drop, merge, trim
 from rled_msgs_py.bags.error import BagError
-from rled_msgs_py.bags.mcap_writer import FLUSH_PERIOD
 from rled_msgs_py.bags.repair import Repaired, repair
 from rled_msgs_py.bags.review import Review, review
 from rled_msgs_py.bags.tables import JointTable, PoseTable
 from rled_msgs_py.bags.writer import BagWriter
 
 __all__ = [
-    "FLUSH_PERIOD",
     "Bag",
     "BagError",
     "BagWriter",

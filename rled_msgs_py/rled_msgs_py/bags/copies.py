@@ -18,7 +18,7 @@ from rled_msgs_py.bags.bag import Bag, Message
 from rled_msgs_py.bags.codec import decode
 from rled_msgs_py.bags.episodes import CUTS, Episode, cuts, episodes, events, legs
 from rled_msgs_py.bags.error import BagError
-from rled_msgs_py.bags.header import moved, stamp_of
+from rled_msgs_py.bags.header import moved, sim_stamp
 from rled_msgs_py.bags.series import fallen_back, going_on, series
 from rled_msgs_py.bags.timeline import Timeline, timeline
 from rled_msgs_py.bags.writer import BagWriter, require_replaceable
@@ -51,7 +51,7 @@ def dated(bag: Bag) -> Iterator[Dated]:
         BagError: the file is damaged.
     """
     messages = list(bag.messages())
-    stamps = [stamp_of(each.topic.type, each.data) for each in messages]
+    stamps = [sim_stamp(each.name, each.topic.type, each.data) for each in messages]
     states = [place for place, each in enumerate(messages) if each.name == JOINT_STATES.name]
     of_states = np.array([stamps[place] or 0 for place in states], np.int64)
     shifts = dict(zip(states, (going_on(of_states) - of_states).tolist(), strict=True))
@@ -170,7 +170,7 @@ class _Step(NamedTuple):
             report(1)
             if message.name == EPISODE_EVENTS.name or (message.name in DESCRIPTIONS and not with_descriptions):
                 continue
-            data = moved(message.topic.type, message.data, self.shift)
+            data = moved(message.name, message.topic.type, message.data, self.shift)
             writer.copy(message.topic, data, message.log_time + self.log_shift, message.publish_time)
 
 

@@ -3,7 +3,7 @@
 import struct
 
 from rled_msgs_py.messages import NANOSECONDS
-from rled_msgs_py.topics import CLOCK, DIAGNOSTIC_ARRAY, JOINT_STATE, POSE_STAMPED
+from rled_msgs_py.topics import CLOCK, DIAGNOSTIC_ARRAY, DIAGNOSTICS, JOINT_STATE, POSE_STAMPED
 
 STAMPED = (JOINT_STATE, POSE_STAMPED, DIAGNOSTIC_ARRAY, CLOCK)
 """Types that begin with a builtin_interfaces/Time."""
@@ -18,9 +18,14 @@ def stamp_of(type_name: str, data: bytes) -> int | None:
     return int(seconds) * NANOSECONDS + int(nanoseconds)
 
 
-def moved(type_name: str, data: bytes, shift: int) -> bytes:
-    """The same message with a stamp later by ``shift`` (ns), at least 0; as it is when it has no stamp."""
-    stamp = stamp_of(type_name, data)
+def sim_stamp(name: str, type_name: str, data: bytes) -> int | None:
+    """The same where it is simulation time; on ``/diagnostics`` it is the time of the day."""
+    return None if name == DIAGNOSTICS.name else stamp_of(type_name, data)
+
+
+def moved(name: str, type_name: str, data: bytes, shift: int) -> bytes:
+    """The same message with a stamp later by ``shift`` (ns of simulation time); as it is when it has no such stamp."""
+    stamp = sim_stamp(name, type_name, data)
     if stamp is None:
         return data
     return data[:4] + struct.pack(_time(data), *divmod(stamp + shift, NANOSECONDS)) + data[END:]

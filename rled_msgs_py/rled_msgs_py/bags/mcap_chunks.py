@@ -8,12 +8,17 @@ from zlib import crc32
 
 import lz4.frame
 import zstandard
+from mcap.opcode import Opcode
 
 from rled_msgs_py.bags.error import Damage
+from rled_msgs_py.bags.mcap_records import HEAD
 
 CHUNK_HEAD = Struct("<QQQII")
 LENGTH = Struct("<Q")
 LARGEST = 1 << 31
+ZSTD = "zstd"
+ZSTD_OVERHEAD = HEAD.size + CHUNK_HEAD.size + len(ZSTD) + LENGTH.size
+"""Bytes of a chunk's record beside its packed content."""
 _THREAD = threading.local()
 
 
@@ -53,6 +58,20 @@ def chunk_at(data: mmap | bytes, start: int, stop: int) -> Chunk:
     return Chunk(data[name : name + length].decode(errors="replace"), size, crc, packed, stop, {})
 
 
+def chunk_record(records: bytes | bytearray, first: int, last: int, packer: zstandard.ZstdCompressor | None) -> bytes:
+    """A chunk as a record.
+
+    Args:
+        records: its content.
+        first: least log time in it (ns).
+        last: greatest log time in it (ns).
+        packer: None leaves the content as it is.
+    """
+    name, content = (ZSTD.encode(), packer.compress(records)) if packer else (b"", records)
+    head = CHUNK_HEAD.pack(first, last, len(records), crc32(records), len(name)) + name + LENGTH.pack(len(content))
+    return b"".join((HEAD.pack(Opcode.CHUNK, len(head) + len(content)), head, content))
+
+
 def unpack(data: mmap | bytes, chunk: Chunk) -> bytes:
     """The records of a chunk.
 
@@ -72,7 +91,7 @@ def unpack(data: mmap | bytes, chunk: Chunk) -> bytes:
 
 
 def _unpacked(packed: bytes, chunk: Chunk) -> bytes:
-    if chunk.compression == "zstd":
+    if chunk.compression == ZSTD:
         # a broken frame may claim any size, and would be given the memory
         claimed = zstandard.frame_content_size(packed)
         return _zstd().decompress(packed, max_output_size=chunk.size) if claimed in (-1, chunk.size) else b""

@@ -1,4 +1,4 @@
-"""The records of an MCAP file, told apart by their framing alone, and the definitions among them.
+"""The records of an MCAP file, told apart by their framing alone, packed, and the definitions among them.
 
 The format: magic, records, magic. A record is an opcode (1 byte), the length of its content (8 bytes) and the content.
 """
@@ -9,15 +9,30 @@ from mmap import mmap
 from struct import Struct
 from typing import Any
 
-from mcap.data_stream import ReadDataStream
+from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.opcode import Opcode
-from mcap.records import Channel, Schema
+from mcap.records import Channel, McapRecord, Schema
 
 from rled_msgs_py.bags.error import Damage
 from rled_msgs_py.bags.storage import BagTopic
 
 MAGIC = b"\x89MCAP0\r\n"
 HEAD = Struct("<BQ")
+MESSAGE_HEAD = Struct("<HIQQ")
+"""Channel, number (MCAP's ``sequence``), log time, publish time (ns); the message follows."""
+
+
+def packed(record: McapRecord) -> bytes:
+    """The bytes of a record."""
+    builder = RecordBuilder()
+    record.write(builder)
+    return bytes(builder.end())
+
+
+def message_record(channel: int, number: int, log_time: int, publish_time: int, data: bytes) -> bytes:
+    """A message as a record; times in ns."""
+    head = MESSAGE_HEAD.pack(channel, number & 0xFFFFFFFF, log_time, publish_time)
+    return HEAD.pack(Opcode.MESSAGE, len(head) + len(data)) + head + data
 
 
 def walk(data: mmap | bytes, start: int, stop: int) -> Iterator[tuple[int, int, int]]:

@@ -1,68 +1,41 @@
-"""An MCAP file under recording: whatever kills its process, what was flushed stays readable.
+"""An MCAP file under recording: whatever kills its process, what was kept or flushed stays readable.
 
-``flush`` closes the chunk in progress and hands it to the operating system, which keeps it when the process dies (a
-loss of power is another matter). The recorder calls it every ``FLUSH_PERIOD``, so the chunks are small. Measured with
-100,000 messages of a Panda on five topics (19.1 MB), flushed after every 5, 12 and 100 messages and not at all:
+``keep`` hands a received message to the operating system at once, in a journal; ``add_message`` files it in the chunk
+in progress. A chunk is closed when it has ``CHUNK_BYTES``, or by ``flush``. What the operating system has outlives the
+process (a loss of power is another matter). Nothing here grows with the length of a recording: the index of the chunks,
+which has to stand at the end of the file, waits in a file without a name.
+
+Measured with 100,000 messages of a Panda on five topics (19.1 MB), chunks closed after every 5, 12 and 100 messages and
+not at all (1 MiB):
 
 - Zstandard: 17.4, 11.4, 7.0, 6.5 MB; 25, 13, 6, 6 µs of processor time a message
 - LZ4: 19.6, 13.0, 8.6, 8.0 MB; 18, 12, 8, 5 µs
 - unpacked: 28.8, 25.9, 24.1, 23.8 MB; 14, 10, 9, 8 µs
-
-In real time, 250 messages a second, a flush every 25 ms closes chunks of 5 to 10 messages, in lockstep of 60 and more.
-Zstandard is the smallest everywhere, and its time is small beside that of receiving a message.
 """
 
 import fcntl
-import os
+import tempfile
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO, Any, cast
 
-from mcap.writer import CompressionType, Writer
+from mcap.opcode import Opcode
+from mcap.records import Channel, DataEnd, Header, Metadata, MetadataIndex, Schema, Statistics
 
 from rled_msgs_py import __version__
 from rled_msgs_py.bags.error import BagError, remedy
+from rled_msgs_py.bags.mcap_builder import ChunkBuilder
+from rled_msgs_py.bags.mcap_journal import Journal
+from rled_msgs_py.bags.mcap_output import Output
+from rled_msgs_py.bags.mcap_records import MAGIC, packed
+from rled_msgs_py.bags.mcap_summary import summary
 from rled_msgs_py.bags.mcap_survey import METADATA
 from rled_msgs_py.bags.metadata import NO_TIME, FileSummary, serialized
 from rled_msgs_py.bags.storage import BagTopic
 
-FLUSH_PERIOD = 0.025
-"""Seconds of recording that a killed process may lose."""
-
-CHUNK_BYTES = 1 << 20
-
-
-class _Output:
-    """A file that is written without a buffer, so that nothing is left in the process after a failure."""
-
-    def __init__(self, path: Path) -> None:
-        self._file = path.open("xb", buffering=0)
-        with suppress(OSError):  # a file system without locks
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        self._size = 0
-
-    def write(self, data: bytes) -> int:
-        view = memoryview(data)
-        while view:
-            view = view[self._file.write(view) :]
-        self._size += len(data)
-        return len(data)
-
-    def tell(self) -> int:
-        return self._size
-
-    def flush(self) -> None:
-        """Nothing is held back."""
-
-    def close(self) -> None:
-        os.fsync(self._file.fileno())
-        self._file.close()
-
-    def cut(self, size: int) -> None:
-        """Close with the first ``size`` bytes only."""
-        self._file.truncate(size)
-        self._file.close()
+CHUNK_BYTES = 256 << 10
+PIECE = 1 << 20
 
 
 class McapWriter:
@@ -73,30 +46,31 @@ class McapWriter:
         custom: the user's metadata.
 
     Raises:
-        BagError: (also from every method) the file cannot be written. It is then cut back to what was flushed before.
+        BagError: (also from every method) the file cannot be written. It then holds what was safe before.
     """
 
     def __init__(self, path: Path, custom: Mapping[str, str]) -> None:
         self.path = path
         self.custom = dict(custom)
-        self.counts: dict[BagTopic, int] = {}
         self._topics: list[BagTopic] = []
-        self._schemas: dict[tuple[str, str], int] = {}
+        self._schemas: dict[tuple[str, str], bytes] = {}
+        self._channels: list[bytes] = []
+        self._counts: Counter[int] = Counter()
         self._first, self._last = NO_TIME, 0
-        self._safe_bytes = self._safe_messages = 0
+        self._chunk, self._chunks = ChunkBuilder(), 0
+        self._metadata_index = b""
+        self._journal: Journal | None = None
+        self._number = self._filed = self._safe = 0
         self._failure: BagError | None = None
         try:
-            self._output = _Output(path)
+            self._output = Output(path)
+            self._chunk_index = tempfile.TemporaryFile(dir=path.parent)  # noqa: SIM115  closed with the file
         except OSError as error:
             raise BagError(f"{path} cannot be made: {error.strerror}") from None
+        with suppress(OSError):  # a file system without locks
+            fcntl.flock(self._output.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
         with self._guard():
-            self._writer = Writer(
-                cast(IO[Any], self._output),
-                chunk_size=CHUNK_BYTES,
-                compression=CompressionType.ZSTD,
-                enable_data_crcs=True,
-            )
-            self._writer.start(profile="ros2", library=f"rled {__version__}")
+            self._output.write(MAGIC + packed(Header("ros2", f"rled {__version__}")))
             self._write_metadata()
 
     @property
@@ -106,44 +80,110 @@ class McapWriter:
 
     def summary(self) -> FileSummary:
         """What the file holds."""
-        return FileSummary(self.path.name, self._first, self._last, self.counts)
+        counts = Counter[BagTopic]()
+        for channel, topic in enumerate(self._topics, 1):
+            counts[topic] += self._counts[channel]
+        return FileSummary(self.path.name, self._first, self._last, counts)
 
     def add_topic(self, topic: BagTopic) -> int:
         """Announce a topic; returns the channel to write its messages to."""
-        key = (topic.type, topic.definition)
-        with self._guard():
-            if key not in self._schemas:
-                self._schemas[key] = self._writer.register_schema(
-                    topic.type, topic.definition_encoding, topic.definition.encode()
-                )
-            details = {"offered_qos_profiles": topic.qos, "topic_type_hash": topic.hash}
-            channel = self._writer.register_channel(topic.name, topic.encoding, self._schemas[key], details)
+        key, definition = (topic.type, topic.definition), b""
+        if key not in self._schemas:
+            schema = Schema(len(self._schemas) + 1, topic.definition.encode(), topic.definition_encoding, topic.type)
+            definition = self._schemas[key] = packed(schema)
+        details = {"offered_qos_profiles": topic.qos, "topic_type_hash": topic.hash}
+        number, schema_number = len(self._channels) + 1, [*self._schemas].index(key) + 1
+        self._channels.append(packed(Channel(number, topic.name, topic.encoding, details, schema_number)))
         self._topics.append(topic)
-        self.counts.setdefault(topic, 0)
-        return int(channel)
-
-    def add_message(self, channel: int, log_time: int, publish_time: int, data: bytes) -> None:
-        """Take a message; it is safe after the next ``flush``."""
+        self._chunk.define(definition + self._channels[-1])
         with self._guard():
-            self._writer.add_message(channel, log_time, data, publish_time)
-            self.counts[self._topics[channel - 1]] += 1
+            if self._journal:
+                self._journal.define(definition + self._channels[-1])
+        return number
+
+    def keep(self, channel: int, log_time: int, data: bytes) -> int:
+        """Make a message safe that has yet to find its place; returns its number for ``add_message``."""
+        with self._guard():
+            if self._journal is None:
+                self._journal = Journal(self.path, b"".join((*self._schemas.values(), *self._channels)))
+            self._journal.add(channel, self._number, log_time, data)
+        self._number += 1
+        return self._number - 1
+
+    def add_message(
+        self, channel: int, log_time: int, publish_time: int, data: bytes, number: int | None = None
+    ) -> None:
+        """File a message. One that was not kept is safe after the next ``flush``."""
+        with self._guard():
+            if number is None:
+                number, self._number = self._number, self._number + 1
+            elif self._journal:
+                self._journal.file(number)
+            self._chunk.add(channel, number, log_time, publish_time, data)
+            self._counts[channel] += 1
+            self._filed += 1
             self._first, self._last = min(self._first, log_time), max(self._last, log_time)
+            if self._chunk.size >= CHUNK_BYTES:
+                self._close_chunk()
 
     def flush(self) -> None:
-        """Make what was taken so far survive the end of this process."""
+        """Close the chunk in progress: all that was written is safe."""
         with self._guard():
-            self._writer.flush()
+            self._close_chunk()
 
     def close(self) -> None:
         """Complete the file."""
         with self._guard():
-            self._writer.flush()
+            self._close_chunk()
             self._write_metadata()
-            self._writer.finish()
-            self._output.close()
+            self._output.write(packed(DataEnd(self._output.crc)))
+            for piece in summary(self._output.size, [*self._groups()]):
+                self._output.write(piece)
+            self._output.sync()
+            self._release()
+            if self._journal:
+                self._journal.remove()
+
+    def _close_chunk(self) -> None:
+        if not self._chunk.has_messages:
+            return
+        chunk, index = self._chunk.close(self._output.size)
+        self._chunk_index.write(index)
+        self._output.write(chunk)
+        self._chunks += 1
+        self._safe = self._filed
+        if self._journal:
+            self._journal.renew()
 
     def _write_metadata(self) -> None:
-        self._writer.add_metadata(METADATA, {"serialized_metadata": serialized([self.summary()], self.custom)})
+        content = {"serialized_metadata": serialized([self.summary()], self.custom)}
+        record = packed(Metadata(METADATA, content))
+        self._metadata_index += packed(MetadataIndex(self._output.size, len(record), METADATA))
+        self._output.write(record)
+
+    def _groups(self) -> Iterator[tuple[Opcode, Iterator[bytes]]]:
+        """The records of the summary."""
+        statistics = Statistics(
+            attachment_count=0,
+            channel_count=len(self._channels),
+            channel_message_counts=dict(self._counts),
+            chunk_count=self._chunks,
+            message_count=self._filed,
+            message_end_time=self._last,
+            message_start_time=self._first if self._filed else 0,
+            metadata_count=2,
+            schema_count=len(self._schemas),
+        )
+        self._chunk_index.seek(0)
+        yield Opcode.SCHEMA, iter(self._schemas.values())
+        yield Opcode.CHANNEL, iter(self._channels)
+        yield Opcode.STATISTICS, iter([packed(statistics)])
+        yield Opcode.CHUNK_INDEX, iter(lambda: self._chunk_index.read(PIECE), b"")
+        yield Opcode.METADATA_INDEX, iter([self._metadata_index])
+
+    def _release(self) -> None:
+        self._output.close()
+        self._chunk_index.close()
 
     @contextmanager
     def _guard(self) -> Iterator[None]:
@@ -152,10 +192,11 @@ class McapWriter:
         try:
             yield
         except OSError as error:
-            self._output.cut(self._safe_bytes)
-            what = f"writing {self.path} failed: {error.strerror}; kept: the first {self._safe_messages} messages"
+            kept = self._safe + (self._journal.count if self._journal else 0)
+            what = f"writing {self.path} failed: {error.strerror}; kept: the first {kept} messages"
             self._failure = BagError(what, "", f"free space, then {remedy(self.path.parent)}")
+            with suppress(OSError):
+                self._release()
+                if self._journal:
+                    self._journal.close()
             raise self._failure from error
-        # between two calls the file holds whole chunks only, and a chunk ends with the newest message
-        if self._output.tell() != self._safe_bytes:
-            self._safe_bytes, self._safe_messages = self._output.tell(), sum(self.counts.values())

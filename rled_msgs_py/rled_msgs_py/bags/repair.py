@@ -3,11 +3,11 @@
 import fcntl
 import shutil
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from mmap import mmap
+from operator import attrgetter
 from pathlib import Path
-from struct import Struct
 from typing import NamedTuple
 
 from mcap.opcode import Opcode
@@ -16,7 +16,8 @@ from rled_msgs_py.bags.error import BagError, Damage
 from rled_msgs_py.bags.folder import mcap_files, open_files
 from rled_msgs_py.bags.mcap_chunks import unpack
 from rled_msgs_py.bags.mcap_file import McapFile, map_file
-from rled_msgs_py.bags.mcap_records import Definitions, walk
+from rled_msgs_py.bags.mcap_journal import journals_of
+from rled_msgs_py.bags.mcap_records import MESSAGE_HEAD, Definitions, walk
 from rled_msgs_py.bags.mcap_survey import Survey
 from rled_msgs_py.bags.mcap_writer import McapWriter
 from rled_msgs_py.bags.metadata import NO_TIME, FileSummary, custom_of, write_metadata
@@ -24,8 +25,6 @@ from rled_msgs_py.bags.storage import BagTopic, Storage
 
 ROOM = ".repair"
 """Folder beside a file, in which its successor is written."""
-
-MESSAGE_HEAD = Struct("<HIQQ")
 
 
 class Repaired(NamedTuple):
@@ -41,6 +40,7 @@ class Repaired(NamedTuple):
 
 
 class _Message(NamedTuple):
+    number: int
     topic: BagTopic
     log_time: int
     publish_time: int
@@ -48,7 +48,7 @@ class _Message(NamedTuple):
 
 
 def repair(path: Path) -> Repaired:
-    """Make a bag complete: rewrite each unfinished or damaged file from what is whole in it, then ``metadata.yaml``.
+    """Make a bag complete: rewrite each unfinished or damaged file from what is whole in it and its journal.
 
     A file is replaced at once, when its successor is whole on the disk, so an interrupted repair loses nothing. A bag
     that is complete already is left as it is.
@@ -115,9 +115,13 @@ def _summary(path: Path, file: Storage) -> FileSummary:
 
 def _repair_file(file: Path, lost: list[str]) -> FileSummary:
     try:
-        return _summary(file, McapFile(file))
+        summary = _summary(file, McapFile(file))
     except BagError:
-        return _rewrite(file, lost)
+        summary = _rewrite(file, lost)
+    with suppress(OSError):  # the file is complete, what is left beside it does no harm
+        for journal in journals_of(file):
+            journal.unlink(missing_ok=True)
+    return summary
 
 
 def _rewrite(file: Path, lost: list[str]) -> FileSummary:
@@ -125,7 +129,7 @@ def _rewrite(file: Path, lost: list[str]) -> FileSummary:
     try:
         shutil.rmtree(room, ignore_errors=True)
         room.mkdir()
-        summary = _save(map_file(file), room / file.name, lost)
+        summary = _save(file, room / file.name, lost)
         if not summary.counts:
             raise BagError(f"nothing in {file} can be saved", "a file with one whole chunk of messages")
         (room / file.name).replace(file)
@@ -136,23 +140,75 @@ def _rewrite(file: Path, lost: list[str]) -> FileSummary:
     return summary
 
 
-def _save(data: mmap, successor: Path, lost: list[str]) -> FileSummary:
+def _save(file: Path, successor: Path, lost: list[str]) -> FileSummary:
+    data = map_file(file)
+    survey = _survey(data, lost)
+    journal = _journaled(file, lost)
+    writer = McapWriter(successor, _custom(survey, lost))
+    channels = dict[BagTopic, int]()
+
+    def write(message: _Message) -> None:
+        if message.topic not in channels:
+            channels[message.topic] = writer.add_topic(message.topic)
+        writer.add_message(channels[message.topic], message.log_time, message.publish_time, message.data)
+
+    for message in _whole_messages(survey, data, lost):
+        write(message)
+        twin = journal.get(message.number)
+        if twin and (twin.topic, twin.data) == (message.topic, message.data):
+            del journal[message.number]
+    so_far = writer.summary()
+    for message in _in_order(journal.values(), so_far.last):
+        write(message)
+    writer.close()
+    if survey.statistics is not None and survey.has_right_summary():
+        missing = survey.statistics.message_count - sum(so_far.counts.values())
+        lost += [f"{missing} messages of those that were counted"] if missing else []
+    return writer.summary()
+
+
+def _survey(data: mmap, lost: list[str]) -> Survey:
     survey = Survey(data)
     lost += map(str, survey.damage)
     if not survey.is_ended and survey.end < len(data):
         lost.append(f"the last {len(data) - survey.end} bytes, in which a record breaks off")
-    writer = McapWriter(successor, _custom(survey, lost))
-    channels = dict[BagTopic, int]()
-    for topic, log_time, publish_time, message in _whole_messages(survey, data, lost):
-        if topic not in channels:
-            channels[topic] = writer.add_topic(topic)
-        writer.add_message(channels[topic], log_time, publish_time, message)
-    writer.close()
-    summary = writer.summary()
-    if survey.statistics is not None and survey.has_right_summary():
-        missing = survey.statistics.message_count - sum(summary.counts.values())
-        lost += [f"{missing} messages of those that were counted"] if missing else []
-    return summary
+    return survey
+
+
+def _journaled(file: Path, lost: list[str]) -> dict[int, _Message]:
+    """What the recorder of a file has kept beside it, by number, in the order of reception."""
+    found = dict[int, _Message]()
+    for journal in filter(Path.exists, journals_of(file)):
+        try:
+            data = map_file(journal)
+        except BagError as error:
+            lost.append(error.what)
+        else:
+            found |= {each.number: each for each in _whole_messages(_survey(data, lost), data, lost)}
+    return dict(sorted(found.items()))
+
+
+def _in_order(received: Iterable[_Message], last: int) -> Iterator[_Message]:
+    """Messages by log time, but those after a restart of the simulation after those before it.
+
+    What was received before any stamp was known goes with the first stamp.
+
+    Args:
+        received: in the order of reception.
+        last: log time before which none may lie (ns).
+    """
+    runs, newest = [list[_Message]()], dict[BagTopic, int]()
+    for message in received:
+        if message.log_time < newest.get(message.topic, 0):
+            runs.append([])
+            newest.clear()
+        newest[message.topic] = message.log_time
+        runs[-1].append(message)
+    last = max(last, min((each.log_time for each in runs[0] if each.log_time), default=0))
+    for run in runs:
+        for message in sorted(run, key=attrgetter("log_time")):
+            last = max(last, message.log_time)
+            yield message._replace(log_time=last)
 
 
 def _custom(survey: Survey, lost: list[str]) -> dict[str, str]:
@@ -172,9 +228,9 @@ def _whole_messages(survey: Survey, data: mmap, lost: list[str]) -> Iterator[_Me
             for opcode, start, stop in walk(block, 0, len(block)):
                 definitions.take(opcode, block, start, stop)
                 if opcode == Opcode.MESSAGE and stop - start >= MESSAGE_HEAD.size:
-                    channel, _, log_time, publish_time = MESSAGE_HEAD.unpack_from(block, start)
+                    channel, number, log_time, publish_time = MESSAGE_HEAD.unpack_from(block, start)
                     content = block[start + MESSAGE_HEAD.size : stop]
-                    yield _Message(definitions.topic(channel), log_time, publish_time, content)
+                    yield _Message(number, definitions.topic(channel), log_time, publish_time, content)
         except Damage as damage:
             lost.append(str(damage))
 

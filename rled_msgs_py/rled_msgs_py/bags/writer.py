@@ -8,6 +8,7 @@ from types import MappingProxyType, TracebackType
 
 from rled_msgs_py.bags.codec import definition, encode
 from rled_msgs_py.bags.error import BagError, remedy
+from rled_msgs_py.bags.mcap_journal import SUFFIXES
 from rled_msgs_py.bags.mcap_writer import McapWriter
 from rled_msgs_py.bags.metadata import FILE_NAME, qos_profiles, write_metadata
 from rled_msgs_py.bags.storage import BagTopic
@@ -66,7 +67,17 @@ class BagWriter:
         data = encode(topic, record)
         self.write_cdr(topic, data, getattr(record, "stamp", self._last_log_time) if log_time is None else log_time)
 
-    def write_cdr(self, topic: Topic, data: bytes, log_time: int, publish_time: int | None = None) -> None:
+    def keep(self, topic: Topic, data: bytes, log_time: int) -> int:
+        """Make a message safe that waits for its place among others: when this returns, no kill can lose it.
+
+        Returns:
+            Its number, under which ``write_cdr`` gives it its place.
+        """
+        return self._file.keep(self._channel(topic), max(log_time, 0), data)
+
+    def write_cdr(
+        self, topic: Topic, data: bytes, log_time: int, publish_time: int | None = None, *, number: int | None = None
+    ) -> None:
         """Write a message as it was received.
 
         Args:
@@ -75,12 +86,12 @@ class BagWriter:
             log_time: time of arrival (ns). One before the last written becomes that, so that every reader keeps the
                 order of writing, also when a simulation was restarted.
             publish_time: time of sending (ns), by default ``log_time``.
+            number: what ``keep`` has returned, if the message was kept.
         """
-        if topic not in self._channels:
-            self._channels[topic] = self._file.add_topic(describe(topic))
+        channel = self._channel(topic)
         self._last_log_time = max(log_time, self._last_log_time)
-        sent = log_time if publish_time is None else publish_time
-        self._file.add_message(self._channels[topic], self._last_log_time, sent, data)
+        sent = max(log_time if publish_time is None else publish_time, 0)
+        self._file.add_message(channel, self._last_log_time, sent, data, number)
         self.counts[topic.name] += 1
 
     def copy(self, topic: BagTopic, data: bytes, log_time: int, publish_time: int) -> None:
@@ -92,7 +103,7 @@ class BagWriter:
         self.counts[topic.name] += 1
 
     def flush(self) -> None:
-        """Make what was written survive a kill; call it every ``FLUSH_PERIOD``."""
+        """Make what was written survive a kill. It closes a chunk: often done, the file grows and takes time."""
         self._file.flush()
 
     def close(self) -> None:
@@ -106,6 +117,11 @@ class BagWriter:
         except OSError as error:
             what = f"writing {self.path / FILE_NAME} failed: {error.strerror}; kept: all messages"
             raise BagError(what, "", f"free space, then {remedy(self.path)}") from error
+
+    def _channel(self, topic: Topic) -> int:
+        if topic not in self._channels:
+            self._channels[topic] = self._file.add_topic(describe(topic))
+        return self._channels[topic]
 
     def __enter__(self) -> "BagWriter":
         return self
@@ -139,7 +155,8 @@ def require_replaceable(path: Path, overwrite: bool) -> None:
     """
     if not path.is_dir():
         raise BagError(f"{path} is a file", "the name of a folder that is not there yet")
-    foreign = [each.name for each in path.iterdir() if each.name != FILE_NAME and each.suffix != ".mcap"]
+    ours = (".mcap", *SUFFIXES)
+    foreign = [each.name for each in path.iterdir() if each.name != FILE_NAME and each.suffix not in ours]
     if foreign:
         raise BagError(f"{path} exists and is no bag: it holds {foreign[0]}", "a folder that is not there yet")
     if not overwrite and any(path.iterdir()):

@@ -1,0 +1,42 @@
+"""The newest messages of each topic."""
+
+from collections import defaultdict, deque
+from collections.abc import Iterable
+
+from rled_msgs_py.bags.header import stamp_of
+from rled_msgs_py.topics import EE_POSE, JOINT_STATES, Topic
+
+RECENT = 8
+"""Messages kept of a topic: state topics may be some ticks apart."""
+
+
+class Recent:
+    """Keeps the newest serialized messages of each topic."""
+
+    def __init__(self) -> None:
+        self._messages: defaultdict[Topic, deque[bytes]] = defaultdict(lambda: deque(maxlen=RECENT))
+
+    def add(self, topic: Topic, data: bytes) -> None:
+        """Take a message."""
+        self._messages[topic].append(data)
+
+    def newest(self, topic: Topic) -> bytes | None:
+        """The newest message of a topic."""
+        return self._messages[topic][-1] if self._messages[topic] else None
+
+    def stamp(self, topic: Topic) -> int:
+        """Stamp of the newest message of a topic (ns), -1 when there is none."""
+        newest = self.newest(topic)
+        return -1 if newest is None else stamp_of(topic.type, newest) or 0
+
+    def stamps(self, topics: Iterable[Topic]) -> list[int]:
+        """The same of several topics."""
+        return [self.stamp(topic) for topic in topics]
+
+    def pose(self) -> tuple[bytes, bytes] | None:
+        """Joint state and end-effector pose of the newest stamp that both have."""
+        joints, poses = (
+            {stamp_of(topic.type, each): each for each in self._messages[topic]} for topic in (JOINT_STATES, EE_POSE)
+        )
+        common = [stamp for stamp in joints.keys() & poses.keys() if stamp is not None]
+        return (joints[max(common)], poses[max(common)]) if common else None
