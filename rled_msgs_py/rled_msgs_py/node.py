@@ -110,6 +110,7 @@ def declare(node: Node, params: type[P], changed: Callable[[P], None] | None = N
         ContractError: a value given at the start is out of its range or of another type.
     """
     known = parameters_of(params)
+    _shield_services(node)
     for each in known:
         try:
             node.declare_parameter(each.name, each.default, _descriptor(each.spec, each.default))
@@ -138,6 +139,20 @@ def declare(node: Node, params: type[P], changed: Callable[[P], None] | None = N
     node.add_on_set_parameters_callback(validate)
     node.add_post_set_parameters_callback(apply)
     return record
+
+
+def _shield_services(node: Node) -> None:
+    """Keep requests that rclpy's own parameter services choke on (a parameter of type 255) from ending the node."""
+
+    def shielded(name: str, callback: Callable[[Any, Any], Any], request: Any, response: Any) -> Any:
+        try:
+            return callback(request, response)
+        except Exception as error:  # rclpy raises several unrelated types here
+            node.get_logger().warning(f"{name}: {error}", throttle_duration_sec=1.0)
+            return response
+
+    for each in node.services:
+        each.callback = partial(shielded, each.srv_name, each.callback)
 
 
 def _require_domain() -> None:
