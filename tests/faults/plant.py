@@ -1,0 +1,132 @@
+"""A simulated robot in a process of its own, and somebody who sends it anything and watches what it does."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rled_msgs_py.convert import to_msg
+from rled_msgs_py.node import advertise, fresh_context, spin_until, subscribe, subscribe_ticks
+from rled_msgs_py.processes import Children, program
+from rled_msgs_py.records import DeltaCommand, Health
+from rled_msgs_py.task import TaskDescription
+from rled_msgs_py.tick import Tick
+from rled_msgs_py.topics import DIAGNOSTICS, JOINT_DELTA, TASK_DESCRIPTION, Qos
+
+PATIENCE = 60.0
+DEEP = 100_000
+"""Samples that the watcher's readers keep: it may be slower than the graph."""
+
+
+class Plant:
+    """A context manager: ``sim_node`` with arguments, watched.
+
+    Attributes:
+        children: the simulation, and what else is started.
+        simulation: its process.
+        ticks: all ticks so far.
+        health: reports of all nodes, newest last.
+    """
+
+    def __init__(self, *arguments: str) -> None:
+        self.children = Children()
+        self.simulation = self._start(arguments)
+        self.context = fresh_context()
+        self.node = Node("watcher", context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.ticks: list[Tick] = []
+        self.health: list[Health] = []
+        self._tasks: list[TaskDescription] = []
+        subscribe_ticks(self.node, self.ticks.append, DEEP)
+        subscribe(self.node, replace(DIAGNOSTICS, qos=Qos(depth=DEEP)), self.health.append)
+        subscribe(self.node, TASK_DESCRIPTION, lambda text: self._tasks.append(TaskDescription.from_json(text.data)))
+        self.output = advertise(self.node, JOINT_DELTA)
+        self._clients: dict[str, Any] = {}
+
+    def _start(self, arguments: Sequence[str]) -> Any:
+        command = [*program("rled_sim", "sim_node"), "--discovery-wait", "0.2", *arguments]
+        return self.children.start(command, echo=False)
+
+    def __enter__(self) -> "Plant":
+        met = lambda: self.ticks and self._tasks and self.output.get_subscription_count()  # noqa: E731
+        self.wait(lambda: bool(met()), "the simulation")
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.children.end()
+        self.executor.shutdown()
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+    @property
+    def task(self) -> TaskDescription:
+        return self._tasks[-1]
+
+    @property
+    def tick(self) -> Tick:
+        return self.ticks[-1]
+
+    def wait(self, done: Callable[[], bool], what: str, seconds: float = PATIENCE) -> None:
+        spin_until(self.executor, done, seconds, what)
+
+    def command(self, delta: Sequence[float], stamp: int | None = None) -> Any:
+        """A lawful message that answers the newest tick."""
+        stamp = self.tick.stamp if stamp is None else stamp
+        return to_msg(DeltaCommand(stamp, self.task.joint_names, np.array(delta, dtype=np.float64)))
+
+    def step(self, delta: Sequence[float]) -> Tick:
+        """Answer the newest tick and wait for the next."""
+        before = self.tick.stamp
+        self.output.publish(self.command(delta))
+        self.wait(lambda: self.tick.stamp > before, "a tick")
+        return self.tick
+
+    def go(self, *q: float, largest: float = 0.04) -> Tick:
+        """Step towards joint angles (rad) until they are met, lockstep."""
+        while (farthest := np.abs(way := np.array(q) - self.tick.joints.position).max()) > 1e-9:
+            before = self.tick
+            tick = self.step(way * min(1.0, largest / farthest))
+            assert not np.array_equal(tick.joints.position, before.joints.position), tick.status.refused
+        return self.tick
+
+    def call(self, kind: type, name: str, request: Any = None, **fields: Any) -> Any:
+        """The answer of a service of the simulation."""
+        if name not in self._clients:
+            self._clients[name] = self.node.create_client(kind, f"sim/{name}")
+        client = self._clients[name]
+        self.wait(client.service_is_ready, name)
+        answer = client.call_async(request or kind.Request(**fields))  # type: ignore[attr-defined]
+        self.wait(lambda: answer.done() or self.simulation.exit_code is not None, f"an answer of {name}")
+        assert self.simulation.exit_code is None, list(self.simulation.last_lines)
+        return answer.result()
+
+    def measure(self, act: Callable[[], Any], decided: Callable[[], Any], what: str) -> float:
+        """Milliseconds from an act to what shows that it was decided on."""
+        began = time.monotonic()
+        act()
+        while not decided():
+            assert time.monotonic() < began + PATIENCE, f"waited {PATIENCE} s for {what}"
+            self.executor.spin_once(timeout_sec=0.05)
+        return 1e3 * (time.monotonic() - began)
+
+    def resident(self) -> float:
+        """Memory of the simulation (MB)."""
+        status = Path(f"/proc/{self.simulation.process.pid}/status").read_text()
+        return int(status.partition("VmRSS:")[2].split()[0]) / 1024.0
+
+    def unlawful(self, since: int = 0) -> list[str]:
+        """Motions beyond Δq_max and joints beyond their limits, from a tick on; a new episode may begin elsewhere."""
+        task, found = self.task, []
+        slack = 1e-6 * task.max_delta
+        for before, after in zip(self.ticks[since:], self.ticks[since + 1 :], strict=False):
+            q, moved = after.joints.position, after.joints.position - before.joints.position
+            if after.status.episode == before.status.episode and np.abs(moved).max() > task.max_delta + slack:
+                found.append(f"moved by {moved} at {after.stamp} ns")
+            if (q < np.array(task.joint_lower) - slack).any() or (q > np.array(task.joint_upper) + slack).any():
+                found.append(f"joints at {q} at {after.stamp} ns")
+        return found
