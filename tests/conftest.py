@@ -118,7 +118,7 @@ def planar_expert(planar_bag: Path, tmp_path_factory: pytest.TempPathFactory) ->
     import torch
     from rled_agent.demonstrations import open_demonstrations
     from rled_agent.expert import ExpertConfig, clone_expert
-    from rled_agent.networks import Architecture
+    from rled_agent.architecture import Architecture
 
     torch.set_num_threads(1)
     config = ExpertConfig(Architecture(hidden=(48, 48)), steps=1500)

@@ -19,17 +19,14 @@ class Adam:
         self.mean = torch.zeros_like(parameters)
         self.square = torch.zeros_like(parameters)
         self.steps = torch.zeros(())
+        self._count = self.steps.numpy()  # the same number: counting costs NumPy a tenth of PyTorch's time
+        self._lists = [parameters], [gradients], [self.mean], [self.square], list[Tensor](), [self.steps]
 
     def step(self, rate: float) -> None:
         """One step against the gradient, at learning rate ``rate``."""
-        self.steps += 1
+        self._count += 1
         torch._fused_adam_(
-            [self.parameters],
-            [self.gradients],
-            [self.mean],
-            [self.square],
-            [],
-            [self.steps],
+            *self._lists,
             lr=rate,
             beta1=BETA_1,
             beta2=BETA_2,

@@ -9,8 +9,8 @@ from typing import Any, Literal
 from rled_msgs_py.errors import RledError
 from rled_sim.faults import Faults
 
+from rled_agent.architecture import Architecture
 from rled_agent.learner import LearnerConfig
-from rled_agent.networks import Architecture
 from rled_agent.uncertainty import Measure
 
 

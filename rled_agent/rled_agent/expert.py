@@ -11,9 +11,10 @@ from rled_msgs_py.errors import RledError
 from torch import Tensor
 
 from rled_agent.adam import Adam
+from rled_agent.architecture import Architecture
 from rled_agent.config import MANY, WIDTHS, require_ranges
 from rled_agent.demonstrations import Demonstrations, StateActions
-from rled_agent.networks import Architecture, Network
+from rled_agent.networks import Network
 from rled_agent.policy import Policy
 from rled_agent.scaling import Scaling, scaling_of_samples
 

@@ -7,9 +7,10 @@ import torch
 from torch import Tensor
 
 from rled_agent.adam import Adam
-from rled_agent.networks import Architecture, Network
+from rled_agent.architecture import Architecture
+from rled_agent.memory import Rows
+from rled_agent.networks import Network
 from rled_agent.replay import Batch
-from rled_agent.tape import Rows
 
 
 @dataclass(frozen=True)
@@ -83,12 +84,15 @@ class Inputs:
         critic: rows (s, a).
         actor: rows (s).
         action: a, shape (b, n).
+        noise: memory for the smoothing noise, (b, n).
+        ones: gradient of the sum of Q, (1, b, 1).
     """
 
     def __init__(self, count: int, observation_size: int, action_size: int) -> None:
         self.critic = Rows.empty(1, count, observation_size + action_size)
         self.actor = self.critic.head(observation_size)
         self.action = self.critic.units[0, :, observation_size:]
+        self.noise, self.ones = torch.empty(count, action_size), torch.ones(1, count, 1)
 
 
 class Learner:
@@ -147,8 +151,9 @@ class Learner:
         config = self.config
         action = self.target_actor.forward(after.actor, self.generator if config.target_dropout else None)[0]  # (b, n)
         if config.target_noise:
-            noise = torch.empty_like(action).normal_(0.0, config.target_noise, generator=self.generator)
-            torch.add(action, noise.clamp_(-config.target_clip, config.target_clip), out=after.action).clamp_(-1.0, 1.0)
+            noise = after.noise.normal_(0.0, config.target_noise, generator=self.generator)
+            noise.clamp_(-config.target_clip, config.target_clip)
+            torch.add(action, noise, out=after.action).clamp_(-1.0, 1.0)
         else:
             after.action.copy_(action)
         q = self.target_critic.forward(after.critic).amin(dim=0)  # (b, 1)
@@ -161,7 +166,7 @@ class Learner:
         size = float(q.abs().mean()) if self.config.cloning_weight else 1.0
         ascent = -1.0 / (len(batch) * size)  # gradient of −J_a at each Q
         at_action = self._first_critic.backward(
-            torch.ones_like(q)[None], ascent, parameters=False, inputs_from=batch.observation_size
+            before.ones, ascent, parameters=False, inputs_from=batch.observation_size
         )
         assert at_action is not None  # (1, b, n)
         if self.config.cloning_weight and batch.demonstrated:

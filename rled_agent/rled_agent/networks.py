@@ -6,35 +6,14 @@ whatever happens between two products happens in place.
 """
 
 import math
-from dataclasses import dataclass
-from typing import Literal
 
 import torch
 from torch import Tensor
 
+from rled_agent.architecture import Architecture
 from rled_agent.dropout import Generator, dropout_masks
-from rled_agent.tape import Layer, Rows, Tape, multiply, whole_lines
-
-Activation = Literal["relu", "leaky_relu"]
-SLOPE: dict[Activation, float] = {"relu": 0.0, "leaky_relu": 0.01}
-NORM_EPSILON = 1e-5
-
-
-@dataclass(frozen=True)
-class Architecture:
-    """The hidden part of a network.
-
-    Attributes:
-        hidden: widths of the hidden layers.
-        activation: after each hidden layer.
-        dropout: probability that a hidden unit is dropped, where dropout is asked for.
-        layer_norm: normalise each hidden layer, without gain and shift, before its activation.
-    """
-
-    hidden: tuple[int, ...] = (400, 300)
-    activation: Activation = "relu"
-    dropout: float = 0.0
-    layer_norm: bool = False
+from rled_agent.memory import Layer, Rows, whole_lines
+from rled_agent.tape import Tape, run
 
 
 class Network:
@@ -125,9 +104,13 @@ class Network:
         Returns:
             Shape (e, b, outputs).
         """
-        tape = self._read(x)
-        tape.masks = self._masks(tape.count, generator) if generator is not None else []
-        return self._forward(tape, 0)
+        if isinstance(x, Rows):
+            tape = self._tape(x)
+        else:
+            tape = self._tape(x.shape[0])
+            tape.memory.inputs.units.copy_(x)
+        tape.masks = self._masks(tape.memory.count, generator) if generator is not None else []
+        return tape.run_forward()
 
     def forward_once(self, x: Tensor, passes: int, generator: Generator) -> Tensor:
         """Outputs of stochastic passes on one input, whose first layer is computed once; no backward pass follows.
@@ -144,24 +127,16 @@ class Network:
         if not masks:
             return self.forward(x[None]).expand(-1, passes, -1)
         alone, tape = self._tape(1), self._tape(passes)
-        alone.inputs.units.copy_(x)
-        tape.masks = masks
-        multiply(alone.forward[0])
-        self._activate(alone, 0)
-        torch.mul(alone.hidden[0].units, masks[0], out=tape.hidden[0].units)
-        return self._forward(tape, 1)
-
-    def _read(self, x: Tensor | Rows) -> Tape:
-        if isinstance(x, Rows):
-            return self._tape(x)
-        tape = self._tape(x.shape[0])
-        tape.inputs.units.copy_(x)
-        return tape
+        alone.memory.inputs.units.copy_(x)
+        alone.masks, tape.masks = [], masks
+        run(alone.forward[0])
+        torch.mul(alone.memory.hidden[0].units, masks[0], out=tape.memory.hidden[0].units)
+        return tape.run_forward(1)
 
     def _tape(self, key: int | Rows) -> Tape:
         if key not in self._tapes:
             rows = key if isinstance(key, Rows) else Rows.empty(1, key, self.sizes[0])
-            self._tapes[key] = Tape(self.layers, rows, normalised=self.architecture.layer_norm)
+            self._tapes[key] = Tape(self.layers, self.architecture, rows, squash=self.squash)
         self._last = self._tapes[key]
         return self._last
 
@@ -171,30 +146,6 @@ class Network:
             return []
         shapes = [(self.members, rows, width) for width in self.architecture.hidden]
         return dropout_masks(shapes, self.architecture.dropout, generator)
-
-    def _forward(self, tape: Tape, start: int) -> Tensor:
-        """The layers from ``start`` on."""
-        tape.statistics.clear()
-        for k in range(start, len(tape.hidden)):
-            multiply(tape.forward[k])
-            self._activate(tape, k)
-            if tape.masks:
-                tape.hidden[k].units.mul_(tape.masks[k])
-        multiply(tape.forward[-1])
-        return tape.linear[-1].tanh_() if self.squash else tape.linear[-1]
-
-    def _activate(self, tape: Tape, k: int) -> None:
-        rows = tape.hidden[k]
-        if self.architecture.layer_norm:
-            x = tape.linear[k]
-            x, mean, scale = torch.native_layer_norm(x, x.shape[-1:], None, None, NORM_EPSILON)
-            rows.units.copy_(x)
-            tape.statistics.append((mean, scale))
-        slope = SLOPE[self.architecture.activation]
-        if slope:
-            torch.nn.functional.leaky_relu_(rows.memory, slope)
-        else:
-            torch.relu_(rows.memory)
 
     def backward(
         self, gradient: Tensor, scale: float = 1.0, *, parameters: bool = True, inputs_from: int | None = None
@@ -211,32 +162,6 @@ class Network:
             The gradient at the inputs, (e, b, inputs − inputs_from), or None.
         """
         tape = self._last
-        last = torch.mul(gradient, scale, out=tape.gradients[-1])
-        if self.squash:
-            torch.ops.aten.tanh_backward.grad_input(last, tape.linear[-1], grad_input=last)
-        for k in range(len(self.layers) - 1, -1, -1):
-            if k + 1 < len(self.layers):
-                self._hidden_backward(tape, k)
-            if parameters:
-                multiply(tape.to_parameters[k])
-            multiply(tape.to_units[k])
-        if inputs_from is None:
-            return None
-        weights = self.layers[0].block[:, 1 + inputs_from :]
-        return torch.bmm(tape.gradients[0], weights.transpose(1, 2))
-
-    def _hidden_backward(self, tape: Tape, k: int) -> None:
-        gradient, slope = tape.slopes[k], SLOPE[self.architecture.activation]
-        if tape.masks:
-            gradient.units.mul_(tape.masks[k])
-        at, of = gradient.memory, tape.hidden[k].memory
-        if slope:
-            torch.ops.aten.leaky_relu_backward.grad_input(at, of, slope, True, grad_input=at)
-        else:
-            torch.ops.aten.threshold_backward.grad_input(at, of, 0.0, grad_input=at)
-        if self.architecture.layer_norm:
-            x, (mean, scale) = tape.linear[k], tape.statistics[k]
-            normalised, _, _ = torch.ops.aten.native_layer_norm_backward(
-                gradient.units, x, x.shape[-1:], mean, scale, None, None, [True, False, False]
-            )
-            gradient.units.copy_(normalised)
+        torch.mul(gradient, scale, out=tape.memory.gradients[-1])
+        run(tape.backward if parameters else tape.backward_to_units)
+        return None if inputs_from is None else tape.at_inputs(inputs_from)

@@ -9,8 +9,9 @@ import torch
 from numpy.typing import NDArray
 from rled_msgs_py.task import TaskDescription
 
+from rled_agent.architecture import Architecture
 from rled_agent.checkpoint import CheckpointError, damaged, read_tensors, write_tensors
-from rled_agent.networks import Architecture, Network
+from rled_agent.networks import Network
 from rled_agent.scaling import Scaling
 
 FORMAT = "rled-policy"

@@ -2,9 +2,9 @@
 
 from dataclasses import replace
 
+from rled_agent.architecture import Architecture
 from rled_agent.config import BehaviourConfig, ScheduleConfig, TrainConfig
 from rled_agent.learner import LearnerConfig
-from rled_agent.networks import Architecture
 
 PANDA_BIASED = TrainConfig()
 """Section 4.1.3; the exploration noise, which it does not give, is that of 4.2.3."""

@@ -1,113 +1,98 @@
-"""Memory of a forward pass and its backward pass, allocated once and cut into the operands of the matrix products."""
+"""A pass through an ensemble, forward and back: lists of operations bound to memory that is allocated once."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from collections.abc import Iterable, Sequence
+from functools import partial
 
 import torch
 from torch import Tensor
 
-LINE = 16
-"""Numbers in a cache line; matrix products are a twentieth faster when every row begins with one."""
+from rled_agent.architecture import SLOPE, Architecture
+from rled_agent.memory import Layer, Memory, Rows, Step
 
-
-def whole_lines(width: int) -> int:
-    """The width rounded up to whole cache lines."""
-    return -(-width // LINE) * LINE
-
-
-@dataclass(frozen=True, eq=False)
-class Rows:
-    """Values of a layer's units in b rows, each behind a one.
-
-    The bias of the next layer belongs to the one: so bias and bias gradient come out of the products of the weights.
-
-    Attributes:
-        memory: the rows in whole cache lines, (e, b, ...); what belongs to no unit stays 0 or 1.
-        units: (e, b, width).
-        inputs: the units behind their one, (e, b, 1 + width).
-    """
-
-    memory: Tensor
-    units: Tensor
-    inputs: Tensor
-
-    @staticmethod
-    def empty(members: int, count: int, width: int) -> "Rows":
-        """Memory for ``count`` rows."""
-        memory = torch.zeros(members, count, LINE + whole_lines(width))
-        memory[..., LINE - 1] = 1.0
-        return Rows(memory, memory[..., LINE : LINE + width], memory[..., LINE - 1 : LINE + width])
-
-    def head(self, width: int) -> "Rows":
-        """The first units of each row, in the same memory."""
-        return Rows(self.memory, self.units[..., :width], self.inputs[..., : 1 + width])
-
-
-class Layer(NamedTuple):
-    """Views of one layer's parameters in the flat vectors, for e members; the first row of a block is the bias.
-
-    Attributes:
-        block: (e, 1 + inputs, outputs).
-        gradient: like block.
-    """
-
-    block: Tensor
-    gradient: Tensor
-
-
-class Product(NamedTuple):
-    """``a @ b``, written to ``out``."""
-
-    a: Tensor
-    b: Tensor
-    out: Tensor
-
-
-def multiply(products: Sequence[Product]) -> None:
-    """Compute products; one by one, as batched ones would take contiguous memory and gain nothing."""
-    for a, b, out in products:
-        torch.mm(a, b, out=out)
+NORM_EPSILON = 1e-5
+RELU_BACKWARD = torch.ops.aten.threshold_backward.grad_input
+LEAKY_RELU_BACKWARD = torch.ops.aten.leaky_relu_backward.grad_input
+TANH_BACKWARD = torch.ops.aten.tanh_backward.grad_input
+NORM_BACKWARD = torch.ops.aten.native_layer_norm_backward
 
 
 class Tape:
-    """What one pass through an ensemble keeps, for the rows it reads.
+    """What one pass does and keeps.
+
+    Args:
+        layers: parameters.
+        architecture: the hidden part.
+        inputs: rows to read.
+        squash: end in a hyperbolic tangent.
 
     Attributes:
-        inputs: rows that the first layer reads, the same for all members.
-        count: b.
-        hidden: units of each hidden layer.
-        linear: output of each layer; where it is not normalised, that is the memory of the units.
-        gradients: gradient at the output of each layer; of a hidden one, its units have ones that nobody reads.
+        memory: where everything lies.
         masks: dropout factors of the hidden layers, (e, b, outputs), none where nothing is dropped.
-        statistics: mean and reciprocal deviation of the hidden layers that are normalised.
-        forward: products of each layer's output.
-        to_parameters: products of each layer's parameter gradient.
-        to_units: products of the gradient at each layer's input units, none for the first layer.
+        forward: operations of each layer.
+        backward: operations from the gradient at the output to those of the parameters and at the first layer.
+        backward_to_units: the same without the parameters.
     """
 
-    def __init__(self, layers: Sequence[Layer], inputs: Rows, *, normalised: bool) -> None:
-        members, count = len(layers[0].block), inputs.memory.shape[1]
-        widths = [layer.block.shape[2] for layer in layers]
-        self.inputs, self.count = inputs, count
-        self.hidden = [Rows.empty(members, count, width) for width in widths[:-1]]
-        self.slopes = [Rows.empty(members, count, width) for width in widths[:-1]]
-        units = [rows.units for rows in self.hidden]
-        self.linear = [torch.empty(each.shape) if normalised else each for each in units]
-        self.linear.append(torch.empty(members, count, widths[-1]))
-        self.gradients = [*(rows.units for rows in self.slopes), torch.empty_like(self.linear[-1])]
+    def __init__(self, layers: Sequence[Layer], architecture: Architecture, inputs: Rows, *, squash: bool) -> None:
+        self.memory = memory = Memory(layers, inputs, normalised=architecture.layer_norm)
         self.masks: list[Tensor] = []
-        self.statistics: list[tuple[Tensor, Tensor]] = []
-        read = [inputs.inputs.expand(members, -1, -1), *(rows.inputs for rows in self.hidden)]
-        blocks = [layer.block for layer in layers]
-        self.forward = _products(read, blocks, self.linear)
-        transposed = [each.transpose(1, 2) for each in read]
-        self.to_parameters = _products(transposed, self.gradients, [layer.gradient for layer in layers])
-        weights = [block[:, 1:].transpose(1, 2) for block in blocks]
-        self.to_units = _products(self.gradients, weights, [None, *self.gradients[:-1]])
+        self._statistics: dict[int, tuple[Tensor, Tensor]] = {}
+        self._at_inputs: dict[int, tuple[list[Step], Tensor]] = {}
+        last, out, at_out = len(layers) - 1, memory.linear[-1], memory.gradients[-1]
+        self.forward = [memory.outputs(k) + self._hidden(k, architecture) for k in range(last)]
+        self.forward.append(memory.outputs(last) + ([partial(torch.tanh_, out)] if squash else []))
+        self.backward: list[Step] = [partial(TANH_BACKWARD, at_out, out, grad_input=at_out)] if squash else []
+        self.backward_to_units = self.backward.copy()
+        for k in range(last, -1, -1):
+            steps = self._hidden_backward(k, architecture) if k < last else []
+            self.backward += steps + memory.parameter_gradients(k) + memory.unit_gradients(k)
+            self.backward_to_units += steps + memory.unit_gradients(k)
+
+    def run_forward(self, start: int = 0) -> Tensor:
+        """Output of the layers from ``start`` on, (e, b, outputs)."""
+        for steps in self.forward[start:]:
+            run(steps)
+        return self.memory.linear[-1]
+
+    def at_inputs(self, start: int) -> Tensor:
+        """Gradient at the inputs from a column on, (e, b, inputs − start), after a backward pass."""
+        if start not in self._at_inputs:
+            self._at_inputs[start] = self.memory.input_gradients(start)
+        steps, out = self._at_inputs[start]
+        run(steps)
+        return out
+
+    def _hidden(self, k: int, architecture: Architecture) -> list[Step]:
+        rows, slope = self.memory.hidden[k].memory, SLOPE[architecture.activation]
+        steps: list[Step] = [partial(self._normalise, k)] if architecture.layer_norm else []
+        steps.append(partial(torch.nn.functional.leaky_relu_, rows, slope) if slope else partial(torch.relu_, rows))
+        return [*steps, partial(self._drop, k, self.memory.hidden[k].units)] if architecture.dropout else steps
+
+    def _hidden_backward(self, k: int, architecture: Architecture) -> list[Step]:
+        at, rows, slope = self.memory.slopes[k], self.memory.hidden[k].memory, SLOPE[architecture.activation]
+        steps: list[Step] = [partial(self._drop, k, at.units)] if architecture.dropout else []
+        if slope:
+            steps.append(partial(LEAKY_RELU_BACKWARD, at.memory, rows, slope, True, grad_input=at.memory))
+        else:
+            steps.append(partial(RELU_BACKWARD, at.memory, rows, 0.0, grad_input=at.memory))
+        return [*steps, partial(self._normalise_backward, k)] if architecture.layer_norm else steps
+
+    def _drop(self, k: int, units: Tensor) -> None:
+        if self.masks:
+            units.mul_(self.masks[k])
+
+    def _normalise(self, k: int) -> None:
+        x = self.memory.linear[k]
+        normalised, mean, scale = torch.native_layer_norm(x, x.shape[-1:], None, None, NORM_EPSILON)
+        self._statistics[k] = mean, scale
+        self.memory.hidden[k].units.copy_(normalised)
+
+    def _normalise_backward(self, k: int) -> None:
+        x, at, (mean, scale) = self.memory.linear[k], self.memory.slopes[k].units, self._statistics[k]
+        at.copy_(NORM_BACKWARD(at, x, x.shape[-1:], mean, scale, None, None, [True, False, False])[0])
 
 
-def _products(a: Sequence[Tensor], b: Sequence[Tensor], out: Sequence[Tensor | None]) -> list[list[Product]]:
-    """The members' products of each layer."""
-    layers = zip(a, b, out, strict=True)
-    return [[] if z is None else [Product(*each) for each in zip(x, y, z, strict=True)] for x, y, z in layers]
+def run(steps: Iterable[Step]) -> None:
+    """Run operations in their order, with as little Python between them as can be: it finds its caches cold."""
+    for step in steps:
+        step()

@@ -9,8 +9,9 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
+from rled_agent.architecture import Architecture
 from rled_agent.learner import Learner, LearnerConfig
-from rled_agent.networks import Architecture, Network
+from rled_agent.networks import Network
 from rled_agent.replay import Replay
 from rled_agent.uncertainty import MonteCarlo
 from torch import nn

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from rled_agent.networks import Architecture, Network
+from rled_agent.architecture import Architecture
+from rled_agent.networks import Network
 from rled_agent.policy import Policy, load_policy
 from rled_agent.scaling import scaling_of_bounds
 from rled_msgs_py.processes import program

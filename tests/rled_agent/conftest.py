@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from rled_agent.architecture import Architecture
 from rled_agent.demonstrations import DemonstrationPoints, JoinedPoints, joined_points
-from rled_agent.networks import Architecture, Network
+from rled_agent.networks import Network
 from rled_agent.policy import Policy
 from rled_agent.scaling import scaling_of_bounds
 from rled_msgs_py.bags import Bag

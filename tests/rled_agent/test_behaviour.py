@@ -3,8 +3,9 @@ import math
 import numpy as np
 import pytest
 import torch
+from rled_agent.architecture import Architecture
 from rled_agent.behaviour import BiasedExploration, MonteCarloGate, Noise, actor_source, policy_source
-from rled_agent.networks import Architecture, Network
+from rled_agent.networks import Network
 from rled_agent.scaling import scaling_of_bounds
 from rled_agent.uncertainty import Estimate
 from rled_msgs_py.records import Actor

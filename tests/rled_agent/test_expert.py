@@ -3,9 +3,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from rled_agent.architecture import Architecture
 from rled_agent.demonstrations import RecordedTrajectories, open_demonstrations
 from rled_agent.expert import CurvePoint, ExpertConfig, clone_expert
-from rled_agent.networks import Architecture
 from rled_agent.policy import load_policy
 from rled_msgs_py.errors import RledError
 

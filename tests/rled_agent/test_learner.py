@@ -2,9 +2,10 @@ from dataclasses import replace
 
 import pytest
 import torch
+from rled_agent.architecture import Architecture
 from rled_agent.dropout import dropout_masks
 from rled_agent.learner import Learner, LearnerConfig
-from rled_agent.networks import Architecture, Network
+from rled_agent.networks import Network
 from rled_agent.replay import Batch
 from torch import Tensor
 from torch.nn import functional

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 import torch
 from rled_agent.apprentice import Apprentice
+from rled_agent.architecture import Architecture
 from rled_agent.checkpoint import Checkpoint, CheckpointError, read_checkpoint
 from rled_agent.config import ScheduleConfig, TrainConfig
 from rled_agent.learner import Learner, LearnerConfig
 from rled_agent.learning_process import Options, Student
 from rled_agent.learning_state import pack, unpack
-from rled_agent.networks import Architecture
 from rled_agent.policy import load_policy
 from rled_agent.replay import Replay
 from rled_agent.run_directory import RunDirectory

@@ -2,9 +2,10 @@ import itertools
 
 import pytest
 import torch
+from rled_agent.architecture import Architecture
 from rled_agent.dropout import dropout_masks
-from rled_agent.networks import Architecture, Network
-from rled_agent.tape import Rows
+from rled_agent.memory import Rows
+from rled_agent.networks import Network
 
 ROWS = 5
 

@@ -7,13 +7,13 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
+from rled_agent.architecture import Architecture
 from rled_agent.behaviour import MonteCarloGate
 from rled_agent.checkpoint import Checkpoint, CheckpointError, read_checkpoint, write_checkpoint
 from rled_agent.config import BehaviourConfig, ScheduleConfig, TrainConfig
 from rled_agent.environments import make_environment
 from rled_agent.expertise import Expertise, no_expertise, read_expertise
 from rled_agent.learner import LearnerConfig
-from rled_agent.networks import Architecture
 from rled_agent.scaling import scaling_of_bounds
 from rled_agent.trainer import DivergenceError, Trainer
 from rled_msgs_py.bags import Bag

@@ -3,8 +3,9 @@ import math
 import numpy as np
 import pytest
 import torch
+from rled_agent.architecture import Architecture
 from rled_agent.dropout import dropout_masks
-from rled_agent.networks import Architecture, Network
+from rled_agent.networks import Network
 from rled_agent.uncertainty import MonteCarlo, iqr, qcd, spread
 
 
