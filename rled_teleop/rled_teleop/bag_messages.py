@@ -8,7 +8,7 @@ import yaml
 from numpy.typing import NDArray
 from rled_msgs_py.bags.folder import open_files
 from rled_msgs_py.bags.storage import BagTopic
-from rled_msgs_py.bags.tables import payloads
+from rled_msgs_py.bags.stream import stream
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.topics import Qos
 
@@ -58,21 +58,12 @@ def read_recording(path: Path) -> Recording:
         RledError: it is empty.
     """
     files, _ = open_files(path)
-    topics, times, topic, data = list[BagTopic](), list[int](), list[int](), list[bytes]()
-    for file in files:
-        places = dict[int, int]()
-        for channel, each in file.topics.items():
-            if each not in topics:
-                topics.append(each)
-            places[channel] = topics.index(each)
-        for run in file.messages(list(file.topics)):
-            topic += [places[channel] for channel in run.channel.tolist()]
-            times += run.log_time.tolist()
-            data += payloads(run)
-    if not data:
+    messages, places = list(stream(files)), dict[BagTopic, int]()
+    if not messages:
         raise RledError(f"{path} holds no messages", "a recorded bag", "record it again")
-    order = np.argsort(np.array(times, np.int64), kind="stable")
-    return Recording(topics, np.array(times, np.int64)[order], [topic[k] for k in order], [data[k] for k in order])
+    topic = [places.setdefault(each.topic, len(places)) for each in messages]
+    times = np.array([each.log_time for each in messages], np.int64)
+    return Recording([*places], times, topic, [each.data for each in messages])
 
 
 def is_latched(qos: Qos) -> bool:

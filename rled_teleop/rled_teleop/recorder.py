@@ -35,7 +35,7 @@ from rled_msgs_py.topics import (
 from std_srvs.srv import SetBool, Trigger
 
 from rled_teleop import __version__
-from rled_teleop.episodes import About, Episodes, Refusal, targets_reached
+from rled_teleop.episodes import REACHED, About, Episodes, Refusal, count_of
 from rled_teleop.opening import Early, Opening
 from rled_teleop.ordering import Ordering, Received
 from rled_teleop.recent import Recent
@@ -114,7 +114,7 @@ class Recorder(Node):
             self._after = self._until = -1
         self._recent.add(topic, data)
         if topic == TASK_STATUS:
-            self._episodes.observe(targets_reached(data))
+            self._episodes.observe(count_of(REACHED, data))
         if topic in DESCRIPTIONS or self._belongs(topic, stamp):
             self._keep(topic, rank, data)
         elif self._is_awaited and topic in TICKING:

@@ -6,9 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 from rled_msgs_py.bags import Bag
-from rled_msgs_py.records import TaskStatus
+from rled_msgs_py.bags.header import stamp_of
 from rled_msgs_py.tick import STATE_TOPICS
 from rled_msgs_py.topics import JOINT_DELTA, JOINT_STATES, MARKED_JOINT_STATES, TASK_STATUS
+
+from rled_teleop.episodes import EPISODE, REACHED, count_of
 
 
 class Summary(NamedTuple):
@@ -71,9 +73,9 @@ def _parts_missing(bag: Bag) -> int:
 
 def _targets_reached(bag: Bag, after: int) -> int:
     """Targets reached after a stamp (ns), over all episodes."""
-    statuses = (each for each in bag.records(TASK_STATUS) if isinstance(each, TaskStatus) and each.stamp >= after)
-    return sum(
-        now.targets_reached - before.targets_reached
-        for before, now in pairwise(statuses)
-        if now.episode == before.episode
+    counts = (
+        (count_of(EPISODE, each.data), count_of(REACHED, each.data) or 0)
+        for each in bag.messages(TASK_STATUS)
+        if (stamp_of(each.topic.type, each.data) or 0) >= after
     )
+    return sum(now - before for (episode, before), (same, now) in pairwise(counts) if episode == same)

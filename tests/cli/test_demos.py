@@ -256,7 +256,7 @@ def test_train_expert_leaves_out_just_the_episode_with_a_loss(tmp_path):
     with BagWriter(tmp_path / "bag") as writer:
         for message in planar.messages():
             stamp = message.log_time
-            if not gone[0] <= stamp <= gone[1] or message.name.endswith("description"):
+            if not gone[0] <= stamp <= gone[1] or message.topic.name.endswith("description"):
                 writer.copy(message.topic, message.data, message.log_time, message.publish_time)
     lines = list[str]()
     left = open_demonstrations(tmp_path / "bag", "trajectories", 0.0, lines.append)

@@ -18,11 +18,13 @@ def silent(_):
 
 
 def messages(path):
-    return [(each.name, each.data) for each in Bag(path).messages()]
+    bag = Bag(path)
+    return [(bag.name_of(each), each.data) for each in bag.messages()]
 
 
 def stamps(path, name="joint_states"):
-    return [stamp_of(each.topic.type, each.data) // PERIOD for each in Bag(path).messages() if each.name == name]
+    topic = next(each for each in topics.RECORDED if each.name == name)
+    return [stamp_of(each.topic.type, each.data) // PERIOD for each in Bag(path).messages(topic)]
 
 
 @pytest.fixture

@@ -169,10 +169,12 @@ def test_a_message_is_moved_in_time_and_otherwise_the_same(tmp_path):
     with BagWriter(path) as bag:
         for topic, record in [*tick(3), (topics.ROBOT_DESCRIPTION, Text("x"))]:
             bag.write(topic, record)
-    for message in Bag(path).messages():
-        data = moved(message.name, message.topic.type, message.data, 2_500_000_000)
-        if message.name == "robot_description":
+    bag = Bag(path)
+    for message in bag.messages():
+        name = bag.name_of(message)
+        data = moved(name, message.topic.type, message.data, 2_500_000_000)
+        if name == "robot_description":
             assert data == message.data
         else:
             assert stamp_of(message.topic.type, data) == 3 * PERIOD + 2_500_000_000
-            assert moved(message.name, message.topic.type, data, -2_500_000_000) == message.data
+            assert moved(name, message.topic.type, data, -2_500_000_000) == message.data

@@ -11,7 +11,7 @@ from rled_msgs_py.bags.codec import encode
 from rled_msgs_py.convert import to_msg
 from rled_msgs_py.records import TaskStatus
 from rled_msgs_py.topics import TASK_STATUS
-from rled_teleop.episodes import About, Episodes, Refusal, targets_reached
+from rled_teleop.episodes import REACHED, About, Episodes, Refusal, count_of
 
 
 @pytest.fixture
@@ -27,15 +27,15 @@ def status(reached: int) -> TaskStatus:
 
 @given(st.integers(0, 10**9))
 def test_targets_reached_are_read_from_bytes_of_both_serializers(count):
-    assert targets_reached(encode(TASK_STATUS, status(count))) == count
-    assert targets_reached(serialize_message(to_msg(status(count)))) == count
+    assert count_of(REACHED, encode(TASK_STATUS, status(count))) == count
+    assert count_of(REACHED, serialize_message(to_msg(status(count)))) == count
 
 
 @given(st.binary(max_size=60), st.integers(0, 400))
 def test_broken_bytes_say_nothing(noise, cut):
-    assert targets_reached(noise) is None
+    assert count_of(REACHED, noise) is None
     whole = encode(TASK_STATUS, status(5))
-    assert targets_reached(whole[:cut]) in (None, 5)
+    assert count_of(REACHED, whole[:cut]) in (None, 5)
 
 
 def test_an_event_says_who_demonstrates_what(episodes):

@@ -5,8 +5,9 @@
 """
 
 from rled_msgs_py.bags.bag import Bag
-from rled_msgs_py.bags.copies import drop, merge, trim
+from rled_msgs_py.bags.copies import drop, trim
 from rled_msgs_py.bags.error import BagError
+from rled_msgs_py.bags.merging import merge
 from rled_msgs_py.bags.repair import Repaired, repair
 from rled_msgs_py.bags.review import Review, review
 from rled_msgs_py.bags.tables import JointTable, PoseTable

@@ -4,9 +4,8 @@ from collections import Counter
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from functools import cached_property
-from operator import attrgetter
 from pathlib import Path
-from typing import NamedTuple, cast
+from typing import cast
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from rled_msgs_py.bags.codec import defines, definition
 from rled_msgs_py.bags.error import BagError
 from rled_msgs_py.bags.folder import open_files
 from rled_msgs_py.bags.storage import BagTopic, Messages, Storage
+from rled_msgs_py.bags.stream import Message, stream
 from rled_msgs_py.bags.tables import JointTable, PoseTable, joint_table, payloads, pose_table, read_record
 from rled_msgs_py.errors import ContractError
 from rled_msgs_py.records import Record, Text
@@ -23,24 +23,6 @@ from rled_msgs_py.topics import CLOCK_TOPIC, DIAGNOSTICS, ROBOT_DESCRIPTION, TAS
 
 OUTSIDE = (DIAGNOSTICS.name, CLOCK_TOPIC.name)
 """Topics of the contract that lie in no namespace."""
-
-
-class Message(NamedTuple):
-    """A serialized message, as it lies in a bag.
-
-    Attributes:
-        name: its topic's name relative to the namespace, as in ``topics``.
-        topic: its topic as the bag describes it.
-        log_time: time of its arrival (ns).
-        publish_time: time of its sending (ns).
-        data: the message (CDR).
-    """
-
-    name: str
-    topic: BagTopic
-    log_time: int
-    publish_time: int
-    data: bytes
 
 
 class Bag:
@@ -107,20 +89,18 @@ class Bag:
         for _, record in self._records([topic]):
             yield record
 
-    def messages(self) -> Iterator[Message]:
-        """All messages as they were received, in log order; they are held in memory meanwhile.
+    def messages(self, *topics: Topic) -> Iterator[Message]:
+        """Messages of some topics, by default of all, as they were received, in log order.
 
         Raises:
             BagError: the bag is damaged.
         """
-        found = list[Message]()
-        for file in self._files:
-            for run in file.messages(file.topics):
-                numbers = (run.channel.tolist(), run.log_time.tolist(), run.publish_time.tolist())
-                for channel, log_time, publish_time, data in zip(*numbers, payloads(run), strict=True):
-                    topic = file.topics[channel]
-                    found.append(Message(self._relative(topic.name), topic, log_time, publish_time, data))
-        yield from sorted(found, key=attrgetter("log_time"))
+        names = {self._absolute(topic) for topic in topics}
+        return stream(self._files, lambda topic: not topics or topic.name in names)
+
+    def name_of(self, message: Message) -> str:
+        """Name of a message's topic relative to the namespace, as in ``topics``."""
+        return self._relative(message.topic.name)
 
     def ticks(self) -> Iterator[Tick]:
         """The states of the simulation, each as one; a stamp at which a topic is missing is left out.

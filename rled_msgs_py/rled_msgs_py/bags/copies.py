@@ -1,4 +1,4 @@
-"""New bags made of recorded ones: a stretch of one, one without some episodes, several as one.
+"""New bags made of recorded ones: a stretch of one, one without some episodes.
 
 A copy appears whole, under its own name only when it is complete. Where a part was taken out the metadata say so, so
 that the gap is no fault.
@@ -7,39 +7,38 @@ that the gap is no fault.
 import json
 import shutil
 import tempfile
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from rled_msgs_py.bags.bag import Bag, Message
+from rled_msgs_py.bags.bag import Bag
 from rled_msgs_py.bags.codec import decode
-from rled_msgs_py.bags.episodes import CUTS, Episode, cuts, episodes, events, legs
+from rled_msgs_py.bags.episodes import CUTS, Episode, cuts, episodes, legs
 from rled_msgs_py.bags.error import BagError
-from rled_msgs_py.bags.header import moved, sim_stamp
-from rled_msgs_py.bags.series import fallen_back, going_on, series
+from rled_msgs_py.bags.header import sim_stamp
+from rled_msgs_py.bags.series import going_on, series
+from rled_msgs_py.bags.stream import Message
 from rled_msgs_py.bags.timeline import Timeline, timeline
 from rled_msgs_py.bags.writer import BagWriter, require_replaceable
 from rled_msgs_py.messages import NANOSECONDS
 from rled_msgs_py.records import Text
 from rled_msgs_py.tick import STATE_NAMES
-from rled_msgs_py.topics import EPISODE_EVENTS, JOINT_STATES, ROBOT_DESCRIPTION, TASK_DESCRIPTION
+from rled_msgs_py.topics import EPISODE_EVENTS, JOINT_STATES, ROBOT_DESCRIPTION, TASK_DESCRIPTION, Topic
 
 DESCRIPTIONS = (ROBOT_DESCRIPTION.name, TASK_DESCRIPTION.name)
 MOST = 1e9
 """More seconds than a recording has."""
-APART = NANOSECONDS
-"""Simulation time between two merged recordings (ns)."""
-
 Report = Callable[[int], None]
 Cuts = list[tuple[int, int]]
 
 
 class Dated(NamedTuple):
-    """A message with its moment (ns); what has no stamp has that of the stamped one before it."""
+    """A message with its topic's name and its moment (ns); what has no stamp has that of the stamped one before it."""
 
+    name: str
     moment: int
     message: Message
 
@@ -50,16 +49,19 @@ def dated(bag: Bag) -> Iterator[Dated]:
     Raises:
         BagError: the file is damaged.
     """
-    messages = list(bag.messages())
-    stamps = [sim_stamp(each.name, each.topic.type, each.data) for each in messages]
-    states = [place for place, each in enumerate(messages) if each.name == JOINT_STATES.name]
-    of_states = np.array([stamps[place] or 0 for place in states], np.int64)
-    shifts = dict(zip(states, (going_on(of_states) - of_states).tolist(), strict=True))
-    shift, moment = 0, next((stamp for stamp in stamps if stamp is not None), 0)
-    for place, (stamp, message) in enumerate(zip(stamps, messages, strict=True)):
-        shift = shifts.get(place, shift)
+    of_states = np.array([stamp or 0 for _, stamp, _ in _stamped(bag, JOINT_STATES)], np.int64)
+    shifts = iter((going_on(of_states) - of_states).tolist())
+    shift, moment = 0, next((stamp for _, stamp, _ in _stamped(bag) if stamp is not None), 0)
+    for name, stamp, message in _stamped(bag):
+        shift = next(shifts) if name == JOINT_STATES.name else shift
         moment = moment if stamp is None else stamp + shift
-        yield Dated(moment, message)
+        yield Dated(name, moment, message)
+
+
+def _stamped(bag: Bag, *topics: Topic) -> Iterator[tuple[str, int | None, Message]]:
+    for message in bag.messages(*topics):
+        name = bag.name_of(message)
+        yield name, sim_stamp(name, message.topic.type, message.data), message
 
 
 def trim(bag: Bag, output: Path, begin: float, end: float, report: Report, *, overwrite: bool = False) -> int:
@@ -77,9 +79,9 @@ def trim(bag: Bag, output: Path, begin: float, end: float, report: Report, *, ov
     of = {each.number for each in episodes(bag, line) if each.first < stop and each.last >= first} if line else set()
 
     def stays(each: Dated) -> bool:
-        if each.message.name == EPISODE_EVENTS.name:
+        if each.name == EPISODE_EVENTS.name:
             return _event(each.message)["episode"] in of
-        return each.message.name in DESCRIPTIONS or first <= each.moment < stop
+        return each.name in DESCRIPTIONS or first <= each.moment < stop
 
     return _copy(bag, output, stays, cuts(bag), report, overwrite)
 
@@ -101,7 +103,7 @@ def drop(bag: Bag, output: Path, numbers: Collection[int], report: Report, *, ov
     spans = [_span(found[number], line, starts, has_events) for number in sorted(set(numbers))]
 
     def stays(each: Dated) -> bool:
-        name, moment = each.message.name, each.moment
+        name, moment, _ = each
         if name == EPISODE_EVENTS.name:
             return _event(each.message)["episode"] not in numbers
         if name in DESCRIPTIONS:
@@ -112,72 +114,6 @@ def drop(bag: Bag, output: Path, numbers: Collection[int], report: Report, *, ov
 
     gone = [_gap(line, span, has_events) for span in spans]
     return _copy(bag, output, stays, sorted(cuts(bag) + gone), report, overwrite)
-
-
-def merge(bags: Sequence[Bag], output: Path, report: Report, *, overwrite: bool = False) -> int:
-    """Copy several recordings of one robot and task behind each other; returns how many messages.
-
-    Stamps and log times of the later ones are moved on. Episodes are numbered anew, and told by events.
-
-    Raises:
-        BagError: robot or task differ, stamps fall back, a bag is damaged, or the copy cannot be written.
-    """
-    for bag in bags:
-        _require_fit(bags[0], bag)
-    shared = dict(set.intersection(*(set(bag.metadata.items()) for bag in bags)))
-    taken_out, steps = Cuts(), list[_Step]()
-    shift = log_shift = number = 0
-    for bag in bags:
-        found, line = list(dated(bag)), timeline(bag)
-        if steps:
-            shift = steps[-1].last + APART - min(each.moment for each in found)
-            log_shift = steps[-1].last_log + APART - found[0].message.log_time
-        taken_out += [(steps[-1].last_tick, int(line.moments[0]) + shift)] if steps and len(line.moments) else []
-        taken_out += [(before + shift, after + shift) for before, after in cuts(bag)]
-        steps.append(_Step.of(bag, found, line, shift, log_shift, number))
-        number += max((event["episode"] for event in steps[-1].events), default=-1) + 1
-    with _whole(output, {**shared, CUTS: json.dumps(taken_out)}, overwrite) as writer:
-        for place, step in enumerate(steps):
-            step.write(writer, report, with_descriptions=not place)
-        return int(writer.counts.total())
-
-
-class _Step(NamedTuple):
-    """One recording on its way into a merged one; its own times, and by how much they move (ns)."""
-
-    found: list[Dated]
-    events: list[dict[str, Any]]
-    shift: int
-    log_shift: int
-    number: int
-    last: int
-    last_log: int
-    last_tick: int
-
-    @staticmethod
-    def of(bag: Bag, found: list[Dated], line: Timeline, shift: int, log_shift: int, number: int) -> "_Step":
-        told = events(bag) or [event for episode in episodes(bag, line) for event in _told(episode)]
-        last = max(each.moment for each in found) + shift
-        last_tick = int(line.moments[-1]) + shift if len(line.moments) else last
-        return _Step(found, told, shift, log_shift, number, last, found[-1].message.log_time + log_shift, last_tick)
-
-    def write(self, writer: BagWriter, report: Report, *, with_descriptions: bool) -> None:
-        log_time = self.found[0].message.log_time + self.log_shift
-        for event in self.events:
-            moved_on = {"episode": event["episode"] + self.number, "stamp": event["stamp"] + self.shift}
-            writer.write(EPISODE_EVENTS, Text(json.dumps({**event, **moved_on})), log_time)
-        for _, message in self.found:
-            report(1)
-            if message.name == EPISODE_EVENTS.name or (message.name in DESCRIPTIONS and not with_descriptions):
-                continue
-            data = moved(message.name, message.topic.type, message.data, self.shift)
-            writer.copy(message.topic, data, message.log_time + self.log_shift, message.publish_time)
-
-
-def _told(episode: Episode) -> Iterator[dict[str, Any]]:
-    said = {"operator": episode.operator, "outcome": episode.outcome}
-    yield {"event": "start", "episode": episode.number, "stamp": episode.first, **said}
-    yield {"event": "stop", "episode": episode.number, "stamp": episode.last, **said}
 
 
 def _span(episode: Episode, line: Timeline, starts: set[int], has_events: bool) -> tuple[int, int]:
@@ -201,34 +137,25 @@ def _event(message: Message) -> dict[str, Any]:
     return found
 
 
-def _require_fit(first: Bag, other: Bag) -> None:
-    for what in ("task", "robot_description", "namespace"):
-        if getattr(first, what) != getattr(other, what):
-            raise BagError(f"{first.path} and {other.path} differ in their {what}", "recordings of one robot and task")
-    if fallen_back(other.joints(JOINT_STATES).stamps).any():
-        remedy = f"take its parts with: demos trim {other.path} --from S --to S --output PART"
-        raise BagError(f"the stamps of {other.path} fall back", "stamps that only grow", remedy)
-
-
 def _copy(
     bag: Bag, output: Path, stays: Callable[[Dated], bool], taken_out: Cuts, report: Report, overwrite: bool
 ) -> int:
     metadata = {**bag.metadata, **({CUTS: json.dumps(taken_out)} if taken_out else {})}
     copied = 0
-    with _whole(output, metadata, overwrite) as writer:
+    with whole(output, metadata, overwrite) as writer:
         for each in dated(bag):
             report(1)
             if stays(each):
                 message = each.message
                 writer.copy(message.topic, message.data, message.log_time, message.publish_time)
-                copied += message.name not in DESCRIPTIONS
+                copied += each.name not in DESCRIPTIONS
         if not copied:
             raise BagError(f"nothing of {bag.path} is left", "a stretch with messages", "see demos info")
         return int(writer.counts.total())
 
 
 @contextmanager
-def _whole(output: Path, metadata: Mapping[str, str], overwrite: bool) -> Iterator[BagWriter]:
+def whole(output: Path, metadata: Mapping[str, str], overwrite: bool) -> Iterator[BagWriter]:
     """Write a bag that takes its name when the block ends without an error."""
     output = Path(output)
     if output.exists():

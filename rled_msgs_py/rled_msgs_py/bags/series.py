@@ -115,7 +115,7 @@ def _of(topic: Topic, records: Iterable[Record], misfits: Sequence[Misfit]) -> S
 
 def _one_by_one(bag: Bag, topic: Topic) -> Series:
     records, faults = list[Record](), list[tuple[int, str, bool]]()
-    for number, message in enumerate(each for each in bag.messages() if each.name == topic.name):
+    for number, message in enumerate(bag.messages(topic)):
         try:
             record = decode(topic, message.data)
             names, expected = _row(record)[1], _row(records[0])[1] if records else ()
