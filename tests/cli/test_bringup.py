@@ -17,6 +17,7 @@ from rled_teleop.teleop_gamepad import GamepadParams
 from rled_teleop.teleop_keyboard import KeyboardParams
 from rled_teleop.teleop_kinesthetic import KinestheticParams
 from rled_teleop.teleop_scripted import ScriptedParams
+from rled_teleop.web_params import WebParams
 
 BRINGUP = Path(__file__).parents[2] / "ros_ws" / "src" / "rled_bringup"
 LAUNCH_FILES = sorted(BRINGUP.glob("launch/*.launch.py"))
@@ -27,6 +28,7 @@ PARAMS = {
     "teleop_keyboard": KeyboardParams,
     "teleop_gamepad": GamepadParams,
     "teleop_kinesthetic": KinestheticParams,
+    "teleop_web": WebParams,
     "replay_demos": ReplayParams,
     "record_demos": RecordParams,
     "agent_node": AgentParams,
@@ -47,8 +49,8 @@ def nodes_of(file: Path) -> Iterator[dict[str, Any]]:
             }
 
 
-def test_there_are_launch_files_for_record_drive_and_demo() -> None:
-    assert [each.name for each in LAUNCH_FILES] == ["demo.launch.py", "drive.launch.py", "record.launch.py"]
+def test_there_are_launch_files_for_record_drive_demo_and_the_page() -> None:
+    assert [each.name.partition(".")[0] for each in LAUNCH_FILES] == ["demo", "drive", "record", "web"]
 
 
 @pytest.mark.parametrize("file", LAUNCH_FILES, ids=lambda file: file.name)

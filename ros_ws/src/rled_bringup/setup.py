@@ -1,4 +1,4 @@
-"""Launch files and parameters; no module and no executable of its own."""
+"""Launch files, parameters and layouts; no module and no executable of its own."""
 
 from glob import glob
 
@@ -19,6 +19,8 @@ setup(
         (f"share/{NAME}", ["package.xml"]),
         (f"share/{NAME}/launch", glob("launch/*.launch.py")),
         (f"share/{NAME}/config", glob("config/*.yaml")),
+        (f"share/{NAME}/layouts", glob("layouts/*")),
+        (f"share/{NAME}/rviz", glob("rviz/*.rviz")),
     ],
     zip_safe=False,
 )
