@@ -26,7 +26,7 @@ from rled_teleop.web.scene import FIELD_OF_VIEW, camera_for
 SHOTS = Path(__file__).parents[2] / "out" / "web_tests"
 """Where pictures of the page are kept."""
 PATIENCE = 60.0
-SIZE = {"width": 1280, "height": 860}
+SIZE = {"width": 1000, "height": 620}
 GPU = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 
@@ -101,8 +101,8 @@ class Watcher:
         self._context.try_shutdown()
 
 
-@pytest.fixture
-def watcher() -> Iterator[Watcher]:
+@pytest.fixture(scope="module")
+def watcher(ros_domain: int) -> Iterator[Watcher]:
     watcher = Watcher()
     yield watcher
     watcher.close()
@@ -157,6 +157,11 @@ class Visit:
     def tab(self, name: str) -> None:
         self.page.get_by_role("tab", name=name).click()
 
+    def speed(self, percent: int) -> None:
+        box = self.page.get_by_role("textbox").first
+        box.fill(str(percent))
+        box.press("Enter")
+
     def place(self, point: np.ndarray) -> tuple[float, float]:
         """Where a point (m) is on the page (pixels), by a pinhole camera."""
         camera = camera_for(TaskDescription.from_json(self._watcher.task[-1].data))
@@ -188,18 +193,55 @@ class Visit:
             self.page.mouse.move(x + share * (goal[0] - x), y + share * (goal[1] - y))
 
 
+class Visits:
+    """The pages that a test file has open: one that drives, for as long as it lives, and others."""
+
+    def __init__(self, browser: Any, address: str, watcher: Watcher) -> None:
+        self._make = lambda: Visit(browser, address, watcher)
+        self._watcher = watcher
+        self._driver: Visit | None = None
+        self._others: list[Visit] = []
+
+    def driver(self) -> Visit:
+        if self._driver is None or self._driver.page.is_closed():
+            self._driver = self._make()
+        if self._driver.says("You drive", "You watch", "Nobody drives") != "You drive":
+            self._driver.button("Drive").click()
+            self._driver.says("You drive")
+        self._driver.tab("Drive")
+        self._watcher.await_that(self._watcher.rests, "the robot to rest")
+        return self._driver
+
+    def another(self) -> Visit:
+        self._others.append(self._make())
+        return self._others[-1]
+
+    def close_others(self) -> None:
+        for each in self._others:
+            each.context.close()
+        self._others.clear()
+
+
+@pytest.fixture(scope="module")
+def visits(browser: Any, address: str, watcher: Watcher) -> Visits:
+    """Opens pages at the test file's own ``address``."""
+    return Visits(browser, address, watcher)
+
+
 @pytest.fixture
-def visit(browser: Any, address: str, watcher: Watcher) -> Iterator[Callable[[], Visit]]:
-    """Opens a page; ``address`` is the test file's own."""
-    open_ones: list[Visit] = []
+def me(visits: Visits) -> Iterator[Visit]:
+    """The page that drives."""
+    driver = visits.driver()
+    yield driver
+    if not driver.page.is_closed():
+        driver.page.mouse.up()
 
-    def visit() -> Visit:
-        open_ones.append(Visit(browser, address, watcher))
-        return open_ones[-1]
 
-    yield visit
-    for each in open_ones:
-        each.context.close()
+@pytest.fixture
+def other(visits: Visits, me: Visit) -> Iterator[Visit]:
+    """A second visitor."""
+    yield visits.another()
+    visits.close_others()
 
 
 @pytest.fixture(scope="session")

@@ -51,7 +51,7 @@ class DrivingPanel:
     def enable(self, enabled: bool) -> None:
         """Let the visitor use it, or not."""
         self._enabled = enabled
-        for each in (self._speed, self._go, self._time, *self._arrows, *self._sliders):
+        for each in (self._speed, self._go, *self._arrows, *self._sliders):
             each.disabled = not enabled
 
     def renew(self) -> None:

@@ -8,6 +8,7 @@ sender's network and not in this process.
 import asyncio
 import contextlib
 import io
+import logging
 import socket
 import time
 from collections.abc import Callable, Iterator
@@ -104,7 +105,7 @@ def guarded(access: Access) -> Iterator[None]:
 
     def serve(handler: Any, *arguments: Any, process_request: Hook | None = None, **options: Any) -> Any:
         called.append(True)
-        limits = {"max_size": MESSAGE_SIZE, "ping_interval": PING, "ping_timeout": SILENCE}
+        limits = {"max_size": MESSAGE_SIZE, "ping_interval": PING, "ping_timeout": SILENCE, "logger": _quiet()}
         hook = partial(judged, access, process_request)
         return original(handler, *arguments, process_request=hook, create_connection=Throttled, **{**options, **limits})
 
@@ -116,6 +117,13 @@ def guarded(access: Access) -> Iterator[None]:
         websocket_server.serve = original
     if not called:
         raise RledError("this version of viser starts its server in another way", "the one in requirements.lock")
+
+
+def _quiet() -> logging.Logger:
+    """A log of nothing: whoever opens a connection and says nothing, as browsers do, is no news."""
+    logger = logging.getLogger("rled_teleop.web")
+    logger.setLevel(logging.CRITICAL + 1)
+    return logger
 
 
 def require_free(host: str, port: int) -> None:

@@ -3,6 +3,7 @@
 import contextlib
 import io
 import time
+import traceback
 from collections.abc import Callable
 from pathlib import Path
 from threading import Event, Thread
@@ -119,8 +120,12 @@ class Page:
         self._each(Visitor.draw_curves)
 
     def _each(self, work: Callable[[Visitor], None]) -> None:
+        """Do something for each visitor; what goes wrong for one ends neither the page nor the robot's control."""
         for visitor in list(self._visitors.values()):
-            work(visitor)
+            try:
+                work(visitor)
+            except Exception:
+                traceback.print_exc()
 
     def _listen_for_life(self, stop: Event) -> None:
         """Ask the driver's page for a sign of life; one that is hidden, frozen or cut off gives none."""
