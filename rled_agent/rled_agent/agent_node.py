@@ -2,18 +2,19 @@
 
 import time
 from pathlib import Path
-from threading import Thread
+from threading import Event, Thread
 from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from rclpy.clock import Clock, ClockType
+from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rled_msgs_py.command_output import CommandOutput
 from rled_msgs_py.convert import to_msg
 from rled_msgs_py.errors import RledError
-from rled_msgs_py.node import advertise, declare, run_node, subscribe, subscribe_ticks
+from rled_msgs_py.node import advertise, declare, run_node, spin, subscribe, subscribe_ticks
 from rled_msgs_py.records import Actor, DeltaCommand, GateCode, GateDecision, Text
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import Tick
@@ -254,9 +255,14 @@ def _say(response: Any, success: bool, message: str) -> Any:
     return response
 
 
+def _spin(node: AgentNode, stop: Event) -> None:
+    spin(node, stop, EventsExecutor(context=node.context))
+
+
 def main() -> None:
     """Run the node."""
-    run_node(AgentNode, AgentParams, "agent_node", "Drive the robot with a learned policy, one decision per state.")
+    summary = "Drive the robot with a learned policy, one decision per state."
+    run_node(AgentNode, AgentParams, "agent_node", summary, _spin)
 
 
 if __name__ == "__main__":
