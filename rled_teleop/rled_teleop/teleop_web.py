@@ -17,7 +17,6 @@ from rled_msgs_py.tick import Tick
 from rled_msgs_py.topics import (
     DIAGNOSTICS,
     EPISODE_EVENTS,
-    HUMAN_JOINT_DELTA,
     JOINT_DELTA,
     MARKERS,
     ROBOT_DESCRIPTION,
@@ -70,8 +69,7 @@ class TeleopWeb(Node):
         watched = self.watched
         subscribe(self, ROBOT_DESCRIPTION, self._on_robot)
         subscribe(self, TASK_DESCRIPTION, self._on_task)
-        for topic in (JOINT_DELTA, HUMAN_JOINT_DELTA):
-            subscribe(self, topic, watched.on_delta)
+        subscribe(self, JOINT_DELTA, watched.on_delta)
         subscribe(self, SAFETY_GATE, watched.on_decision)
         subscribe(self, DIAGNOSTICS, watched.on_health)
         subscribe(self, EPISODE_EVENTS, lambda text: watched.on_event(text.data))

@@ -16,6 +16,13 @@ AGENT_REPORT = "agent_node: policy"
 BLUE, ORANGE, GREEN, RED = "#2563eb", "#ea880c", "#16a34a", "#dc2626"
 MEASURES = ("qcd", "iqr")
 HEIGHT = 150
+FIGURES = {
+    "slowest_answer_ms": "slowest answer (ms)",
+    "deadlines_missed": "deadlines missed",
+    "offered": "transitions learned from",
+    "handovers": "new weights",
+}
+"""What is told of the agent's report."""
 BUTTONS = {
     "Learn": ("learn", viser.Icon.SCHOOL),
     "Stop learning": ("rest", viser.Icon.PLAYER_PAUSE),
@@ -40,6 +47,7 @@ class LearningPanel:
         self._take.on_click(self._on_take)
         self._xi = gui.add_number("ξ threshold", 1e-3, min=0.0, max=1e9, step=1e-6)
         self._phi = gui.add_number("Φ", 0.0, min=0.0, max=1.0, step=0.01, visible=False)
+        self._query = gui.add_number("Ask a person (s)", 0.0, min=0.0, max=3600.0, step=0.1, visible=False)
         self._measure = gui.add_dropdown("Measure", MEASURES, visible=False)
         self._known: dict[str, Any] = {}
         for name, each in self._inputs.items():
@@ -52,7 +60,12 @@ class LearningPanel:
 
     @property
     def _inputs(self) -> dict[str, Any]:
-        return {"threshold": self._xi, "phi": self._phi, "measure": self._measure}
+        return {
+            "threshold": self._xi,
+            "phi": self._phi,
+            "query_timeout": self._query,
+            "measure": self._measure,
+        }
 
     def enable(self, enabled: bool) -> None:
         """Let the visitor use it, or not."""
@@ -96,8 +109,10 @@ class LearningPanel:
             if not math.isnan(decision.uncertainty):
                 lines.append(f"u = {decision.uncertainty:.3g}, ξ = {decision.threshold:.3g} ({decision.measure})")
         if health is not None:
-            values = ", ".join(f"{name} {value}" for name, value in health.values.items())
-            lines.append(f"agent: {health.message} ({values})")
+            values = ", ".join(
+                f"{text} {health.values[name]}" for name, text in FIGURES.items() if name in health.values
+            )
+            lines.append(f"agent: {health.message}; {values}")
         return "  \n".join(lines)
 
     def _button(self, gui: viser.GuiApi, label: str, what: str, icon: viser.Icon) -> Any:

@@ -8,7 +8,7 @@ from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
-AGENT_PARAMETERS = ("threshold", "measure", "phi")
+AGENT_PARAMETERS = ("threshold", "measure", "query_timeout", "phi")
 """Adjustable ones, of which an agent has some."""
 
 
@@ -29,6 +29,8 @@ class Service(NamedTuple):
 SERVICES = {
     "estop": Service("sim", "estop", True),
     "release": Service("sim", "estop", False),
+    "agent estop": Service("agent", "estop", True),
+    "agent release": Service("agent", "estop", False),
     "pause": Service("sim", "pause", True),
     "run": Service("sim", "pause", False),
     "reset": Service("sim", "reset"),
@@ -73,6 +75,8 @@ class GraphServices:
 
     def ask(self, what: str) -> None:
         """Call a service; ``answer`` changes when it has answered."""
+        if (also := f"agent {what}") in SERVICES and self.has_agent:
+            self.ask(also)
         client, service = self._clients[what], SERVICES[what]
         if not client.service_is_ready():
             self.answer = f"{what}: no node offers {client.srv_name}"

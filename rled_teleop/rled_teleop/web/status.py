@@ -3,7 +3,7 @@
 from html import escape
 
 import numpy as np
-from rled_msgs_py.records import Level
+from rled_msgs_py.records import GateCode, Level
 
 from rled_teleop.web.control import Control
 from rled_teleop.web.watched import Watched
@@ -54,7 +54,11 @@ def _warnings(watched: Watched) -> list[str]:
         said.append(_spot(RED if health.level is Level.ERROR else ORANGE, escape(health.message)))
     elif health is not None and health.message == "paused":
         said.append(_spot(ORANGE, "paused"))
-    seen = watched.seen
+    tick, decision, seen = watched.tick, watched.decision, watched.seen
+    if tick is not None and tick.status.refused:
+        said.append(_spot(ORANGE, f"refused: {escape(tick.status.refused)}"))
+    if seen.agent and decision is not None and decision.code is GateCode.ASKING:
+        said.append(_spot(ORANGE, "<b>the agent is unsure and asks for you</b>"))
     if seen.beside and seen.others:
         said.append(f"driven by {escape(', '.join(seen.others))}")
     if watched.log.running:
