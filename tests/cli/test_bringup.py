@@ -49,8 +49,8 @@ def nodes_of(file: Path) -> Iterator[dict[str, Any]]:
             }
 
 
-def test_there_are_launch_files_for_record_drive_demo_and_the_page() -> None:
-    assert [each.name.partition(".")[0] for each in LAUNCH_FILES] == ["demo", "drive", "record", "web"]
+def test_there_are_launch_files_for_record_drive_demo_teleop_and_the_page() -> None:
+    assert [each.name.partition(".")[0] for each in LAUNCH_FILES] == ["demo", "drive", "record", "teleop", "web"]
 
 
 @pytest.mark.parametrize("file", LAUNCH_FILES, ids=lambda file: file.name)
