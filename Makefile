@@ -3,7 +3,7 @@ SHELL := bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup demo test check format bench lock clean
+.PHONY: help setup demo test faults hostile check format bench lock clean
 
 BIN := .venv/bin
 PACKAGES := rled_msgs_py rled_sim rled_agent rled_teleop
@@ -39,6 +39,13 @@ demo: setup ## Record a demonstration, learn it, drive the robot; results in out
 
 test: setup ## Run the tests (ARGS="-k bag" chooses some).
 	$(BIN)/python -m pytest tests --ignore=tests/bench -n 2 --dist loadfile $(ARGS)
+
+faults: setup ## Measure the table of faults anew: docs/faults.md.
+	RLED_FAULTS=write $(BIN)/python -m pytest tests/faults -k table $(ARGS)
+	$(BIN)/python tests/faults/table.py
+
+hostile: setup ## Send 20,000 malformed and hostile messages to the nodes (some minutes).
+	RLED_HOSTILE=670 $(BIN)/python -m pytest tests/faults -k hostile --timeout 600 $(ARGS)
 
 check: setup ## Lint, formatting, strict types, Dockerfile.
 	$(BIN)/ruff check .

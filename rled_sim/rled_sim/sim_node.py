@@ -34,6 +34,10 @@ from rled_sim.robots import robot_named
 from rled_sim.sim_params import SimParams, simulation_of
 
 
+SOON = 100_000_000
+"""A refusal is reported at once, unless a report went out this short a while ago (ns)."""
+
+
 class SimNode(Node):
     """A robot to be driven over ``joint_delta``.
 
@@ -79,7 +83,7 @@ class SimNode(Node):
 
     def _start_timers(self, params: SimParams) -> None:
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # its own simulation time would wait for itself
-        self.create_timer(1.0, self._report_health, clock=steady)
+        self._health_timer = self.create_timer(1.0, self._report_health, clock=steady)
         if params.marker_rate > 0.0:
             self.create_timer(1.0 / params.marker_rate, self._draw, clock=steady)
         if params.mode == "real_time":
@@ -107,6 +111,9 @@ class SimNode(Node):
     def _refuse(self, error: Refused) -> None:
         self._report.refused(error)
         self.get_logger().warning(f"joint_delta refused: {error}", throttle_duration_sec=1.0)
+        if self._health_timer.time_since_last_call() > SOON:
+            self._health_timer.reset()
+            self._report_health()
 
     def _on_change(self, params: SimParams) -> None:
         self._driver.rules = params.rules()

@@ -7,8 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rled_msgs_py.convert import to_msg
 from rled_msgs_py.node import advertise, fresh_context, spin_until, subscribe, subscribe_ticks
 from rled_msgs_py.processes import Children, program
@@ -16,6 +18,8 @@ from rled_msgs_py.records import DeltaCommand, Health
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import Tick
 from rled_msgs_py.topics import DIAGNOSTICS, JOINT_DELTA, TASK_DESCRIPTION, Qos
+from rled_sim.commands import Code
+from std_srvs.srv import Trigger
 
 PATIENCE = 60.0
 DEEP = 100_000
@@ -34,7 +38,7 @@ class Plant:
 
     def __init__(self, *arguments: str) -> None:
         self.children = Children()
-        self.simulation = self._start(arguments)
+        self.start(*arguments)
         self.context = fresh_context()
         self.node = Node("watcher", context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)
@@ -43,14 +47,16 @@ class Plant:
         self.health: list[Health] = []
         self._tasks: list[TaskDescription] = []
         subscribe_ticks(self.node, self.ticks.append, DEEP)
-        subscribe(self.node, replace(DIAGNOSTICS, qos=Qos(depth=DEEP)), self.health.append)
+        self._reported = 0.0
+        subscribe(self.node, replace(DIAGNOSTICS, qos=Qos(depth=DEEP)), self._on_health)
         subscribe(self.node, TASK_DESCRIPTION, lambda text: self._tasks.append(TaskDescription.from_json(text.data)))
         self.output = advertise(self.node, JOINT_DELTA)
         self._clients: dict[str, Any] = {}
 
-    def _start(self, arguments: Sequence[str]) -> Any:
+    def start(self, *arguments: str) -> None:
+        """Start a simulation; it is the one that is watched from now on."""
         command = [*program("rled_sim", "sim_node"), "--discovery-wait", "0.2", *arguments]
-        return self.children.start(command, echo=False)
+        self.simulation = self.children.start(command, echo=False)
 
     def __enter__(self) -> "Plant":
         met = lambda: self.ticks and self._tasks and self.output.get_subscription_count()  # noqa: E731
@@ -70,6 +76,10 @@ class Plant:
     @property
     def tick(self) -> Tick:
         return self.ticks[-1]
+
+    def _on_health(self, health: Health) -> None:
+        self.health.append(health)
+        self._reported = time.monotonic()
 
     def wait(self, done: Callable[[], bool], what: str, seconds: float = PATIENCE) -> None:
         spin_until(self.executor, done, seconds, what)
@@ -105,6 +115,17 @@ class Plant:
         assert self.simulation.exit_code is None, list(self.simulation.last_lines)
         return answer.result()
 
+    def reset(self) -> None:
+        """Begin an episode and wait for its first tick."""
+        begins = int(self.call(Trigger, "reset").message.split()[-2])
+        self.wait(lambda: self.tick.stamp >= begins, "the new episode")
+
+    def set(self, **values: Any) -> str:
+        """Set parameters of the simulation; why it was refused, if it was."""
+        wanted = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
+        results = self.call(SetParameters, "set_parameters", parameters=wanted).results
+        return " ".join(each.reason for each in results if not each.successful)
+
     def measure(self, act: Callable[[], Any], decided: Callable[[], Any], what: str) -> float:
         """Milliseconds from an act to what shows that it was decided on."""
         began = time.monotonic()
@@ -113,6 +134,25 @@ class Plant:
             assert time.monotonic() < began + PATIENCE, f"waited {PATIENCE} s for {what}"
             self.executor.spin_once(timeout_sec=0.05)
         return 1e3 * (time.monotonic() - began)
+
+    def send(self, message: Any) -> Callable[[], None]:
+        """To publish a message, for ``measure``."""
+        return lambda: self.output.publish(message)
+
+    def moved_on(self) -> Callable[[], bool]:
+        """Whether there is a newer tick than now."""
+        before = self.tick.stamp
+        return lambda: self.tick.stamp > before
+
+    def reported(self, code: Code) -> Callable[[], bool]:
+        """Whether a report tells of one more such refusal than now.
+
+        A refusal is reported at once unless a report went out just before, so this waits until that is a while ago.
+        """
+        self.wait(lambda: bool(self.health) and time.monotonic() > self._reported + 0.15, "a report")
+        counter, begun = f"commands_{code.name.lower()}", len(self.health)
+        before = int(self.health[-1].values[counter])
+        return lambda: any(int(each.values.get(counter, 0)) > before for each in self.health[begun:])
 
     def resident(self) -> float:
         """Memory of the simulation (MB)."""

@@ -20,7 +20,6 @@ from rcl_interfaces.srv import (
     SetParameters,
     SetParametersAtomically,
 )
-from rclpy.parameter import Parameter
 from rled_msgs_py.convert import to_msg
 from rled_msgs_py.params import parameters_of
 from rled_msgs_py.records import DeltaCommand
@@ -105,13 +104,10 @@ def heard(plant: Plant) -> int:
 def restore(plant: Plant) -> None:
     """Whatever was stopped and set, a lawful command moves the robot again."""
     own = [each for each in parameters_of(SimParams) if not each.spec.read_only and each.name != "seed"]
-    wanted = [Parameter(each.name, value=each.default).to_parameter_msg() for each in own]
-    wanted.append(Parameter("command_timeout", value=10.0).to_parameter_msg())
-    plant.call(SetParameters, "set_parameters", parameters=wanted)
+    plant.set(**{each.name: each.default for each in own} | {"command_timeout": 10.0})
     for name in ("estop", "pause"):
         assert plant.call(SetBool, name, data=False).success
-    begins = int(plant.call(Trigger, "reset").message.split()[-2])
-    plant.wait(lambda: plant.tick.stamp >= begins, "the new episode")
+    plant.reset()
     step = plant.tick.status.step
     plant.output.publish(plant.command((0.01, 0.01)))
     plant.wait(lambda: plant.tick.status.step > step, "an answer to a lawful command")

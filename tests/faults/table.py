@@ -1,0 +1,74 @@
+"""The table of faults: rows as the tests measure them, and docs/faults.md made of them.
+
+``make faults`` measures all rows anew and writes the document. In every other run a row must say what the document
+says, but for its milliseconds.
+"""
+
+import json
+import os
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).parents[2]
+DOCUMENT = ROOT / "docs" / "faults.md"
+MEASURED = ROOT / "out" / "faults"
+WRITES = os.environ.get("RLED_FAULTS") == "write"
+
+HEAD = """# Faults, and what becomes of them
+
+Made by `make faults` from what the tests in `tests/faults` measured, with real processes over DDS on one machine. The
+time runs from the fault to what somebody else in the graph sees of the decision: a tick, a report, an answer, silence.
+*Lawful* says that from then on no joint left its limits and none moved by more than Δq_max in a period.
+
+| fault | who decides | decision | ms | lawful |
+|---|---|---|---|---|
+"""
+
+
+class Row(NamedTuple):
+    """One line.
+
+    Attributes:
+        fault: what was done.
+        who: the part that decided.
+        decision: what it decided.
+        milliseconds: until it was seen.
+        lawful: joints and displacements stayed within their limits.
+    """
+
+    fault: str
+    who: str
+    decision: str
+    milliseconds: float
+    lawful: bool
+
+    def text(self) -> str:
+        """The line without its time."""
+        return f"| {self.fault} | {self.who} | {self.decision} |"
+
+    def line(self) -> str:
+        """All of it."""
+        time = f"{self.milliseconds:.1f}" if self.milliseconds < 10.0 else f"{self.milliseconds:.0f}"
+        return f"{self.text()} {time} | {'yes' if self.lawful else 'no'} |\n"
+
+
+def keep(name: str, rows: list[Row]) -> None:
+    """Keep the rows of one test file."""
+    MEASURED.mkdir(parents=True, exist_ok=True)
+    (MEASURED / f"{name}.json").write_text(json.dumps(rows))
+
+
+def main() -> None:
+    """Write the document."""
+    files = sorted(MEASURED.glob("*.json"))
+    rows = [Row(*values) for file in files for values in json.loads(file.read_text())]
+    lines = [
+        f"{row.text()} {row.milliseconds:.{0 if row.milliseconds >= 10 else 1}f} | {'yes' if row.lawful else 'NO'} |"
+        for row in rows
+    ]
+    DOCUMENT.write_text(HEAD + "\n".join(lines) + "\n")
+    print(f"{len(rows)} faults in {DOCUMENT.relative_to(ROOT)}")
+
+
+if __name__ == "__main__":
+    main()
