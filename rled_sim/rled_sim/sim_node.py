@@ -33,7 +33,6 @@ from rled_sim.report import Report
 from rled_sim.robots import robot_named
 from rled_sim.sim_params import SimParams, simulation_of
 
-
 SOON = 100_000_000
 """A refusal is reported at once, unless a report went out this short a while ago (ns)."""
 
