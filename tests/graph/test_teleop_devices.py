@@ -1,10 +1,8 @@
 """Gamepad and kinesthetic operators as processes, driven by messages of simulated devices."""
 
-import signal
-import subprocess
 import time
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing
 from typing import Any
 
 import numpy as np
@@ -13,13 +11,13 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rled_msgs_py.convert import to_msg
 from rled_msgs_py.node import fresh_context, spin_until, subscribe
-from rled_msgs_py.processes import program
 from rled_msgs_py.records import JointSample
 from rled_msgs_py.topics import HUMAN_JOINT_DELTA, JOINT_DELTA, JOINT_STATES
 from rled_teleop.gamepad import Layout
 from sensor_msgs.msg import JointState, Joy
 
-PATIENCE = 40.0
+from .programs import PATIENCE, planar_simulation, running
+
 LAYOUT = Layout()
 
 
@@ -79,22 +77,9 @@ class World:
 
 @pytest.fixture
 def world(ros_domain: int) -> Iterator[World]:
-    endless = ("--targets-per-episode", "0", "--max-steps", "0", "--discovery-wait", "0.2")
-    simulation = running("rled_sim", "sim_node", "--robot", "planar", "--mode", "real_time", *endless)
-    with simulation, closing(World(ros_domain)) as one:
+    with planar_simulation("real_time"), closing(World(ros_domain)) as one:
         one.await_that(lambda: one.states, "the robot")
         yield one
-
-
-@contextmanager
-def running(package: str, name: str, *arguments: str) -> Iterator["subprocess.Popen[str]"]:
-    process = subprocess.Popen([*program(package, name), *arguments], stderr=subprocess.PIPE, text=True)
-    try:
-        yield process
-    finally:
-        if process.poll() is None:
-            process.send_signal(signal.SIGINT)
-        process.communicate(timeout=PATIENCE)
 
 
 def test_a_gamepad_turns_the_joint_only_with_the_deadman_button(world: World) -> None:

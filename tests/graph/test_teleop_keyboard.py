@@ -11,8 +11,8 @@ import struct
 import subprocess
 import termios
 import time
-from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +22,8 @@ from rled_msgs_py.processes import program
 from rled_msgs_py.topics import EPISODE_EVENTS, JOINT_DELTA, JOINT_STATES, MARKED_JOINT_STATES
 from rled_teleop.keyboard_screen import HELP
 
-PATIENCE = 40.0
+from .programs import PATIENCE, planar_simulation, running
+
 ROWS, COLUMNS = 24, 100
 
 
@@ -84,24 +85,6 @@ class Terminal:
         os.close(self.slave)
 
 
-@contextmanager
-def running(package: str, name: str, *arguments: str) -> Iterator["subprocess.Popen[str]"]:
-    process = subprocess.Popen([*program(package, name), *arguments], stderr=subprocess.PIPE, text=True)
-    try:
-        yield process
-    finally:
-        if process.poll() is None:
-            process.send_signal(signal.SIGINT)
-        process.communicate(timeout=PATIENCE)
-
-
-@contextmanager
-def simulation(mode: str) -> Iterator[None]:
-    endless = ("--targets-per-episode", "0", "--max-steps", "0", "--discovery-wait", "0.2")
-    with running("rled_sim", "sim_node", "--robot", "planar", "--mode", mode, *endless):
-        yield
-
-
 def joints(text: str) -> np.ndarray:
     (line,) = (line for line in text.splitlines() if line.startswith("joints"))
     return np.array([float(number) for number in re.findall(r"[+-]\d+\.\d+", line)])
@@ -118,7 +101,7 @@ def is_there(text: str) -> bool:
 
 @pytest.mark.parametrize("mode", ["real_time", "lockstep"])
 def test_a_held_key_turns_the_joint_and_letting_go_stops_it(mode: str) -> None:
-    with simulation(mode), closing(Terminal()) as terminal:
+    with planar_simulation(mode), closing(Terminal()) as terminal:
         start = joints(terminal.await_that(is_there, "the robot"))
         terminal.await_that(lambda text: joints(text)[1] > start[1] + 0.3, "the elbow to open", pressing="2\x1b[C")
         rest = terminal.await_that(lambda text: "still" in text, "rest")
@@ -132,14 +115,14 @@ def test_a_held_key_turns_the_joint_and_letting_go_stops_it(mode: str) -> None:
 
 
 def test_lockstep_keeps_real_time() -> None:
-    with simulation("lockstep"), closing(Terminal()) as terminal:
+    with planar_simulation("lockstep"), closing(Terminal()) as terminal:
         first, began = seconds(terminal.await_that(is_there, "the robot")), time.monotonic()
         passed = seconds(terminal.await_that(lambda text: seconds(text) > first + 2.0, "two seconds")) - first
         assert passed == pytest.approx(time.monotonic() - began, rel=0.35)
 
 
 def test_keys_move_the_end_effector_change_the_speed_and_stop() -> None:
-    with simulation("real_time"), closing(Terminal()) as terminal:
+    with planar_simulation("real_time"), closing(Terminal()) as terminal:
         terminal.await_that(is_there, "the robot")
         terminal.press("+")
         terminal.await_that(lambda text: "speed 50 %" in text, "more speed")
@@ -168,7 +151,7 @@ def test_no_terminal_is_one_line() -> None:
 def walk_through(bag: Path) -> list[str]:
     """Two episodes by keyboard beside a paused recorder, the second one discarded; returns what the screen showed."""
     recorder = running("rled_teleop", "record_demos", "--output", str(bag), "--paused", "--operator-name", "me")
-    with simulation("real_time"), recorder as recording, closing(Terminal()) as terminal:
+    with planar_simulation("real_time"), recorder as recording, closing(Terminal()) as terminal:
         screens = [terminal.await_that(is_there, "the robot")]
 
         def ask(key: str, answer: str) -> None:

@@ -1,6 +1,7 @@
 """A two-link arm in pure Python: what the scripted operator needs of a simulation, and nothing more."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,8 @@ from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import Tick
 from rled_sim.kinematics import Chain
 
-NAMES = ("shoulder", "elbow")
+from ..rled_msgs_py.samples import NAMES, TASK
+
 URDF = """<robot name="arm">
 <link name="world"/><link name="upper"/><link name="lower"/><link name="tip"/>
 <joint name="shoulder" type="revolute"><parent link="world"/><child link="upper"/><axis xyz="0 0 1"/>
@@ -59,25 +61,8 @@ class Arm:
 
 @pytest.fixture
 def task() -> TaskDescription:
-    return TaskDescription(
-        robot="arm",
-        task="reach",
-        frame="world",
-        tip_link="tip",
-        joint_names=NAMES,
-        joint_lower=(-3.14, 0.0),
-        joint_upper=(3.14, 3.0),
-        max_delta=0.1,
-        axes=(0, 1),
-        workspace_lower=(-1.0, -1.0),
-        workspace_upper=(1.0, 1.0),
-        observation="position_and_target",
-        reward="dense",
-        reward_reached=10.0,
-        tolerance=1e-3,
-        targets_per_episode=0,
-        max_steps=0,
-        period=20_000_000,
+    return replace(
+        TASK, robot="arm", joint_lower=(-3.14, 0.0), joint_upper=(3.14, 3.0), targets_per_episode=0, max_steps=0
     )
 
 
