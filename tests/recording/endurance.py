@@ -50,7 +50,7 @@ def measure(seconds: float, folder: Path) -> dict[str, Any]:
                 print(f"{samples[-1][0]:.0f} s: {samples[-1][1] / 2**20:.1f} MiB", flush=True)
     finally:
         recorder.send_signal(signal.SIGINT)
-        recorder.wait(timeout=60)
+        recorder.wait(timeout=600)  # it reads the whole bag, to say what is in it
     bag = Bag(folder / "bag")
     expected = np.arange(len(published)) * PERIOD
     lost = {topic.name: len(expected) - bag.counts[topic.name] for topic in FIVE}

@@ -96,7 +96,9 @@ def loss_of(bag: Path, killed: float, published: np.ndarray, received: np.ndarra
         )
         in_bag = np.isin(np.arange(len(published)), numbers)
         last = max(joined, *numbers) if len(numbers) else joined
-        came = received[row][(received[row] > 0) & (received[row] < killed) & ~in_bag]
+        # the recording begins with the first tick that all topics have
+        belongs = np.arange(len(published)) >= (min(numbers) if len(numbers) else 0)
+        came = received[row][(received[row] > 0) & (received[row] < killed) & ~in_bag & belongs]
         sent = published[last + 1 :][(published[last + 1 :] > 0) & (published[last + 1 :] < killed)]
         came_lost = max(came_lost, *(killed - came)) if len(came) else came_lost
         sent_lost = max(sent_lost, *(killed - sent)) if len(sent) else sent_lost

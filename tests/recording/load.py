@@ -28,6 +28,7 @@ from rled_sim.tasks import reach_task
 PERIOD = 1_000_000
 """Simulation time between two messages of a topic (ns)."""
 FIVE = (JOINT_STATES, EE_POSE, TARGET_POSE, TASK_STATUS, JOINT_DELTA)
+SLIP = 0.02
 DEPTH = 200
 """Messages that each publisher keeps until they are acknowledged."""
 STAMP = struct.Struct("<iI")
@@ -55,7 +56,9 @@ def samples() -> list[bytearray]:
 
 
 def publish(published: np.ndarray, wait_for_recorder: bool) -> None:
-    """Publish message k of each topic at k ms, as near as this machine can; ends when ``published`` is full.
+    """Publish one message of each topic a millisecond; ends when ``published`` is full.
+
+    Held up for longer than ``SLIP`` it goes on from there: to make up for it would be another rate.
 
     Args:
         published: time of each publication (s, monotonic), shape (k,); filled in.
@@ -77,6 +80,8 @@ def publish(published: np.ndarray, wait_for_recorder: bool) -> None:
     for k in range(len(published)):
         if (ahead := began + k * PERIOD * 1e-9 - time.monotonic()) > 0:
             time.sleep(ahead)
+        elif ahead < -SLIP:
+            began -= ahead
         published[k] = time.monotonic()
         for output, message in zip(outputs, messages, strict=True):
             STAMP.pack_into(message, 4, *divmod(k * PERIOD, 10**9))

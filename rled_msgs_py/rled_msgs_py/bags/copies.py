@@ -100,7 +100,7 @@ def drop(bag: Bag, output: Path, numbers: Collection[int], report: Report, *, ov
         raise BagError(f"{bag.path} has no episode {unknown[0]}", accepted, f"see them with: demos info {bag.path}")
     has_events = bool(bag.counts[EPISODE_EVENTS.name])
     starts = {leg.first for leg in legs(line, cuts(bag))}
-    spans = [_span(found[number], line, starts, has_events) for number in sorted(set(numbers))]
+    spans = _joined([_span(found[number], line, starts, has_events) for number in sorted(set(numbers))])
 
     def stays(each: Dated) -> bool:
         name, moment, _ = each
@@ -121,6 +121,17 @@ def _span(episode: Episode, line: Timeline, starts: set[int], has_events: bool) 
     last = episode.legs[-1].last if episode.legs else len(line.moments) - 1
     led_on = not has_events and last in starts
     return episode.first, episode.last + (not led_on)
+
+
+def _joined(spans: Cuts) -> Cuts:
+    """Spans in order, those that follow each other without a gap as one."""
+    joined = Cuts()
+    for first, stop in spans:
+        if joined and first <= joined[-1][1]:
+            joined[-1] = (joined[-1][0], max(stop, joined[-1][1]))
+        else:
+            joined.append((first, stop))
+    return joined
 
 
 def _gap(line: Timeline, span: tuple[int, int], has_events: bool) -> tuple[int, int]:
