@@ -152,6 +152,20 @@ def test_a_part_taken_out_on_purpose_is_no_fault(tmp_path):
     assert review(Bag(path)).faults == []
 
 
+def event(name, number, k):
+    text = f'{{"event": "{name}", "episode": {number}, "stamp": {k * PERIOD}}}'
+    return [(topics.EPISODE_EVENTS, Text(text))]
+
+
+def test_a_pause_between_two_episodes_is_no_fault_and_a_loss_within_one_is(tmp_path):
+    first = [*event("start", 0, 9), *entries(10, 30), *event("stop", 0, 29)]
+    second = [*event("start", 1, 49), *entries(50, 60), *entries(63, 70), *event("stop", 1, 69)]
+    found = reviewed(tmp_path, first + second)
+    fault = only(found)
+    assert (fault.kind, fault.first, fault.last) == (LOST, 59 * PERIOD, 63 * PERIOD)
+    assert found.episodes_of(fault) == [1]
+
+
 def test_stamps_go_on_where_they_begin_anew():
     stamps = np.array([5, 6, 7, 0, 1, 2])
     assert fallen_back(stamps).tolist() == [False, False, False, True, False, False]

@@ -1,6 +1,9 @@
 """A recording looked through as a whole: its rows, episodes, their quality, and its faults."""
 
+from itertools import pairwise
 from typing import NamedTuple
+
+import numpy as np
 
 from rled_msgs_py.bags.bag import Bag
 from rled_msgs_py.bags.episodes import Episode, cuts, episodes
@@ -58,5 +61,15 @@ def review(bag: Bag) -> Review:
     line = timeline(bag, found)
     divided = episodes(bag, line)
     found |= {topic.name: series(bag, topic) for topic in MARKED}
-    faults = find_faults(found, cuts(bag), task.period)
+    faults = find_faults(found, [*cuts(bag), *pauses(divided, line)], task.period)
     return Review(found, line, divided, qualities(task, line, divided), faults)
+
+
+def pauses(divided: list[Episode], line: Timeline) -> list[tuple[int, int]]:
+    """Where the recorder waited between two episodes: the last moment before and the first after (ns)."""
+    found = []
+    for before, after in pairwise(divided):
+        row = int(np.searchsorted(line.moments, before.last, side="right"))
+        if row < len(line.moments) and line.moments[row] >= after.first:
+            found.append((before.last, int(line.moments[row])))
+    return found
