@@ -64,11 +64,11 @@ class Guard:
     def _rules_of(self, chain: Chain | None, touches: Touches | None) -> Iterator[Callable[[Motion], Refused | None]]:
         limits = self._limits
         if limits.joint_lower:
-            yield self._judge_range
+            yield partial(self._judge_range, np.array(limits.joint_lower), np.array(limits.joint_upper))
         if limits.velocity:
-            yield self._judge_velocity
+            yield partial(self._judge_velocity, np.array(limits.velocity))
         if limits.acceleration:
-            yield self._judge_acceleration
+            yield partial(self._judge_acceleration, np.array(limits.acceleration))
         if chain is not None and (limits.tip_lower or limits.keep_out):
             yield partial(self._judge_tip, chain)
         if touches is not None and limits.collisions:
@@ -86,20 +86,17 @@ class Guard:
             RledError: vectors of another shape.
         """
         motion = Motion(*(np.asarray(each, dtype=np.float64) for each in (q, previous, delta)))
-        for name, vector in motion._asdict().items():
+        for name, vector in zip(Motion._fields, motion, strict=True):
             if vector.shape != (self._task.action_size,):
                 raise RledError(f"{name} of shape {vector.shape}", f"({self._task.action_size},)")
             if not np.isfinite(vector).all():
-                return Refused(
-                    Code.UNREADABLE, f"{name} holds {vector[~np.isfinite(vector)][0]}", "finite numbers (rad)"
-                )
+                return Refused(Code.UNREADABLE, f"{name} holds {vector.tolist()}", "finite numbers (rad)")
         refused = too_large(motion.delta, self._task.max_delta)
         if refused is not None or not motion.delta.any():
             return refused
         return next((found for rule in self._rules if (found := rule(motion)) is not None), None)
 
-    def _judge_range(self, motion: Motion) -> Refused | None:
-        lower, upper = np.array(self._limits.joint_lower), np.array(self._limits.joint_upper)
+    def _judge_range(self, lower: Array, upper: Array, motion: Motion) -> Refused | None:
         after = motion.q + motion.delta
         joint = _worst(_beyond(after, lower, upper), _beyond(motion.q, lower, upper))
         if joint is None:
@@ -107,16 +104,15 @@ class Guard:
         what = f"{self._task.joint_names[joint]} would be at {after[joint]:.6g} rad"
         return Refused(Code.JOINT_RANGE, what, f"{lower[joint]:.6g} to {upper[joint]:.6g} rad")
 
-    def _judge_velocity(self, motion: Motion) -> Refused | None:
-        rate, most = np.abs(motion.delta) / self._period, np.array(self._limits.velocity)
+    def _judge_velocity(self, most: Array, motion: Motion) -> Refused | None:
+        rate = np.abs(motion.delta) / self._period
         joint = _worst(rate, most * (1.0 + ROUNDING))
         if joint is None:
             return None
         what = f"{self._task.joint_names[joint]} would turn at {rate[joint]:.6g} rad/s"
         return Refused(Code.VELOCITY, what, f"at most {most[joint]:g} rad/s")
 
-    def _judge_acceleration(self, motion: Motion) -> Refused | None:
-        most = np.array(self._limits.acceleration)
+    def _judge_acceleration(self, most: Array, motion: Motion) -> Refused | None:
         lower, upper = np.minimum(motion.previous, 0.0), np.maximum(motion.previous, 0.0)
         growth = _beyond(motion.delta, lower, upper) / self._period**2
         joint = _worst(growth, most * (1.0 + ROUNDING))
