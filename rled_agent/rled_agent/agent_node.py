@@ -1,6 +1,8 @@
 """Node: answers every state with joint displacements, and says on ``safety_gate`` who acts and why."""
 
+import math
 import time
+from functools import partial
 from pathlib import Path
 from threading import Event, Thread
 from typing import Any, NamedTuple
@@ -41,6 +43,8 @@ from rled_agent.controller import GatedController, Proposals, load_controller, o
 Service = SetBool | Trigger
 LOOK = 0.02
 """Seconds between two looks at a state that waits for a person."""
+SOON = 0.1
+"""Seconds between two reports, when there is something to tell."""
 
 
 class Waiting(NamedTuple):
@@ -74,14 +78,21 @@ class AgentNode(Node):
         self._waiting: Waiting | None = None
         self._before: tuple[Waiting, Outcome] | None = None
         self._told: tuple[int, GateCode] | None = None
+        self._newest = -1
+        self._reported = -math.inf
         self._report = AgentReport(self._controller.policy.task.period * 1e-9)
         self._delta, self._gate = CommandOutput(self), advertise(self, SAFETY_GATE)
         self._diagnostics = advertise(self, DIAGNOSTICS)
-        subscribe(self, TASK_DESCRIPTION, self._on_task)
-        subscribe(self, ROBOT_DESCRIPTION, self._on_robot)
-        subscribe(self, HUMAN_JOINT_DELTA, self._on_person)
+        for topic, hear in (
+            (TASK_DESCRIPTION, self._on_task),
+            (ROBOT_DESCRIPTION, self._on_robot),
+            (HUMAN_JOINT_DELTA, self._on_person),
+        ):
+            subscribe(self, topic, hear, partial(self._refuse, topic))
         subscribe_ticks(self, self._on_tick)
         self._serve()
+        if self._params.learn:
+            self._begin_learning()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1.0, self._say_health, clock=steady)
         self.create_timer(LOOK, self._decide, clock=steady)
@@ -131,6 +142,8 @@ class AgentNode(Node):
     def _refuse(self, topic: Topic, error: RledError) -> None:
         self._report.refused(topic.name)
         self.get_logger().warning(f"{topic.name} refused: {error}", throttle_duration_sec=1.0)
+        if time.monotonic() - self._reported > SOON:
+            self._say_health()
 
     def _on_tick(self, tick: Tick) -> None:
         received = time.monotonic()
@@ -139,6 +152,7 @@ class AgentNode(Node):
         except RledError as error:
             self._refuse(JOINT_STATES, error)
             return
+        self._newest = tick.stamp
         self._delta.withdraw()
         self._learn_from(tick, observation)
         self._before = self._waiting = None
@@ -152,11 +166,18 @@ class AgentNode(Node):
             return
         try:
             delta = np.array(displacement(command, self._task))
+            self._require_fresh(command.stamp)
         except RledError as error:
             self._refuse(HUMAN_JOINT_DELTA, error)
             return
         self._arbiter.hear_person(delta, time.monotonic())
         self._decide()
+
+    def _require_fresh(self, stamp: int) -> None:
+        """A person answers the newest state, or one not older than it takes to let go."""
+        oldest = self._newest - round(self._params.human_timeout * 1e9)
+        if not oldest <= stamp <= self._newest:
+            raise RledError(f"a command for the state of {stamp} ns", f"{oldest} to {self._newest} ns")
 
     def _decide(self) -> None:
         """Answer the state that waits, unless it is a person's turn."""
@@ -217,15 +238,26 @@ class AgentNode(Node):
         return _say(response, True, "stopped until released" if request.data else "released")
 
     def _on_learn(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        if request.data and not self._params.agent:
-            return _say(response, False, "the expert does not learn; start with --agent POLICY")
         if request.data and self._apprentice is None:
-            state = Path(self._params.learning_state)
-            self._apprentice = Apprentice(self._controller.policy.network, Path(self._params.agent), state)
+            try:
+                self._begin_learning()
+            except RledError as error:
+                return _say(response, False, str(error))
         elif not request.data and self._apprentice is not None:
             Thread(target=self._apprentice.close).start()  # it saves its state first, and control does not wait
             self._apprentice = None
         return _say(response, True, "learning" if request.data else "not learning")
+
+    def _begin_learning(self) -> None:
+        """Start the learning process, which goes on from its saved state.
+
+        Raises:
+            RledError: there is nothing that could learn.
+        """
+        if not self._params.agent:
+            raise RledError("the expert does not learn", remedy="start with --agent POLICY")
+        state = Path(self._params.learning_state)
+        self._apprentice = Apprentice(self._controller.policy.network, Path(self._params.agent), state)
 
     def _on_save(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         path = Path(self._params.learning_state)
@@ -238,6 +270,7 @@ class AgentNode(Node):
         return _say(response, True, f"saved into {path.parent}")
 
     def _say_health(self) -> None:
+        self._reported = time.monotonic()
         now = self.get_clock().now().nanoseconds
         health = self._report.health(now, self._enabled, self._arbiter, self._apprentice)
         self._diagnostics.publish(to_msg(health))

@@ -14,7 +14,7 @@ from rclpy.parameter import Parameter
 from rled_msgs_py.convert import to_msg
 from rled_msgs_py.node import advertise, fresh_context, spin_until, subscribe, subscribe_ticks
 from rled_msgs_py.processes import Children, program
-from rled_msgs_py.records import DeltaCommand, Health
+from rled_msgs_py.records import DeltaCommand, Health, Text
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import Tick
 from rled_msgs_py.topics import DIAGNOSTICS, JOINT_DELTA, TASK_DESCRIPTION, Qos
@@ -49,7 +49,7 @@ class Plant:
         subscribe_ticks(self.node, self.ticks.append, DEEP)
         self._reported = 0.0
         subscribe(self.node, replace(DIAGNOSTICS, qos=Qos(depth=DEEP)), self._on_health)
-        subscribe(self.node, TASK_DESCRIPTION, lambda text: self._tasks.append(TaskDescription.from_json(text.data)))
+        subscribe(self.node, TASK_DESCRIPTION, self._on_task)
         self.output = advertise(self.node, JOINT_DELTA)
         self._clients: dict[str, Any] = {}
 
@@ -76,6 +76,10 @@ class Plant:
     @property
     def tick(self) -> Tick:
         return self.ticks[-1]
+
+    def _on_task(self, text: Text) -> None:
+        if not self._tasks:  # what comes later may be a rogue's
+            self._tasks.append(TaskDescription.from_json(text.data))
 
     def _on_health(self, health: Health) -> None:
         self.health.append(health)
