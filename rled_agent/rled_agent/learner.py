@@ -83,16 +83,15 @@ class Inputs:
     Attributes:
         critic: rows (s, a).
         actor: rows (s).
-        action: a, shape (b, n).
-        noise: memory for the smoothing noise, (b, n).
-        ones: gradient of the sum of Q, (1, b, 1).
+        action: a, shape (1, b, n): an actor writes where a critic reads.
+        noise: memory for the smoothing noise, (1, b, n).
     """
 
     def __init__(self, count: int, observation_size: int, action_size: int) -> None:
         self.critic = Rows.empty(1, count, observation_size + action_size)
         self.actor = self.critic.head(observation_size)
-        self.action = self.critic.units[0, :, observation_size:]
-        self.noise, self.ones = torch.empty(count, action_size), torch.ones(1, count, 1)
+        self.action = self.critic.units[..., observation_size:]
+        self.noise = torch.empty(1, count, action_size)
 
 
 class Learner:
@@ -124,7 +123,10 @@ class Learner:
     def update(self, batch: Batch) -> Metrics:
         """One gradient step of the critics and, every ``delay`` of them, of actor and targets."""
         before, after = self._inputs(len(batch))
-        metrics = self._update_critic(batch, before, after)
+        pair, reward, terminated, following = batch.parts
+        before.critic.units.copy_(pair)
+        after.actor.units.copy_(following)
+        metrics = self._update_critic(self._target(reward, terminated, after), before)
         if (self.updates + 1) % self.config.delay == 0:
             self._update_actor(batch, before)
             self._update_targets()
@@ -136,41 +138,31 @@ class Learner:
             self._memory[count] = Inputs(count, *self._sizes), Inputs(count, *self._sizes)
         return self._memory[count]
 
-    def _update_critic(self, batch: Batch, before: Inputs, after: Inputs) -> Metrics:
-        pair, reward, terminated, following = batch.parts()
-        after.actor.units.copy_(following)
-        target = self._target(reward, terminated, after)  # (b, 1)
-        before.critic.units.copy_(pair)
+    def _update_critic(self, target: Tensor, before: Inputs) -> Metrics:
         error = self.critic.forward(before.critic) - target  # (e, b, 1)
-        self.critic.backward(error, 2.0 / len(batch))  # Eq. 4.5
+        self.critic.backward(error, 2.0 / target.shape[0])  # Eq. 4.5
         self.critic_adam.step(self._rate(self.config.critic_rate))  # Eq. 4.6
         return Metrics(error, target)
 
     def _target(self, reward: Tensor, terminated: Tensor, after: Inputs) -> Tensor:
         """Y = r + γ (1 − terminated) min_i Q'_i(s', ã) (Eq. 4.4), shape (b, 1)."""
         config = self.config
-        action = self.target_actor.forward(after.actor, self.generator if config.target_dropout else None)[0]  # (b, n)
+        self.target_actor.forward(after.actor, self.generator if config.target_dropout else None, after.action)
         if config.target_noise:
             noise = after.noise.normal_(0.0, config.target_noise, generator=self.generator)
-            noise.clamp_(-config.target_clip, config.target_clip)
-            torch.add(action, noise, out=after.action).clamp_(-1.0, 1.0)
-        else:
-            after.action.copy_(action)
+            after.action.add_(noise.clamp_(-config.target_clip, config.target_clip)).clamp_(-1.0, 1.0)
         q = self.target_critic.forward(after.critic).amin(dim=0)  # (b, 1)
         return torch.add(reward, q, alpha=config.gamma).lerp_(reward, terminated)
 
     def _update_actor(self, batch: Batch, before: Inputs) -> None:
-        action = self.actor.forward(before.actor, self.generator)[0]  # (b, n)
-        before.action.copy_(action)
+        self.actor.forward(before.actor, self.generator, before.action)
         q = self._first_critic.forward(before.critic)[0]  # (b, 1)
         size = float(q.abs().mean()) if self.config.cloning_weight else 1.0
         ascent = -1.0 / (len(batch) * size)  # gradient of −J_a at each Q
-        at_action = self._first_critic.backward(
-            before.ones, ascent, parameters=False, inputs_from=batch.observation_size
-        )
+        at_action = self._first_critic.backward(ascent, parameters=False, inputs_from=batch.observation_size)
         assert at_action is not None  # (1, b, n)
         if self.config.cloning_weight and batch.demonstrated:
-            at_action[0, -batch.demonstrated :] += self._cloning_gradient(batch, action, q.clone())
+            at_action[0, -batch.demonstrated :] += self._cloning_gradient(batch, before.action[0], q.clone())
         self.actor.backward(at_action)
         self.actor_adam.step(self._rate(self.config.actor_rate))  # Eq. 4.8
 
@@ -179,7 +171,7 @@ class Learner:
         rows = slice(len(batch) - batch.demonstrated, len(batch))
         error = action[rows] - batch.action[rows]
         if self.config.q_filter:
-            better = self._first_critic.forward(batch.parts()[0][rows])[0] > q[rows]
+            better = self._first_critic.forward(batch.parts[0][rows])[0] > q[rows]
             error = error * better
         return error.mul_(2.0 * self.config.cloning_weight / batch.demonstrated)
 

@@ -94,20 +94,21 @@ class Network:
             parts |= {f"{k}.weight": layer.block[:, 1:], f"{k}.bias": layer.block[:, :1]}
         return parts
 
-    def forward(self, x: Tensor | Rows, generator: Generator | None = None) -> Tensor:
+    def forward(self, x: Tensor | Rows, generator: Generator | None = None, out: Tensor | None = None) -> Tensor:
         """Output for a batch, in memory that the next call with as many rows overwrites.
 
         Args:
             x: the input, (b, inputs), which is copied, or rows of it, which are read where they are.
             generator: drops hidden units independently in every row.
+            out: where the output of these rows goes from their first pass on, (e, b, outputs).
 
         Returns:
             Shape (e, b, outputs).
         """
         if isinstance(x, Rows):
-            tape = self._tape(x)
+            tape = self._tape(x, out)
         else:
-            tape = self._tape(x.shape[0])
+            tape = self._tape(x.shape[0], out)
             tape.memory.inputs.units.copy_(x)
         tape.masks = self._masks(tape.memory.count, generator) if generator is not None else []
         return tape.run_forward()
@@ -133,10 +134,10 @@ class Network:
         torch.mul(alone.memory.hidden[0].units, masks[0], out=tape.memory.hidden[0].units)
         return tape.run_forward(1)
 
-    def _tape(self, key: int | Rows) -> Tape:
+    def _tape(self, key: int | Rows, out: Tensor | None = None) -> Tape:
         if key not in self._tapes:
             rows = key if isinstance(key, Rows) else Rows.empty(1, key, self.sizes[0])
-            self._tapes[key] = Tape(self.layers, self.architecture, rows, squash=self.squash)
+            self._tapes[key] = Tape(self.layers, self.architecture, rows, out, squash=self.squash)
         self._last = self._tapes[key]
         return self._last
 
@@ -148,12 +149,12 @@ class Network:
         return dropout_masks(shapes, self.architecture.dropout, generator)
 
     def backward(
-        self, gradient: Tensor, scale: float = 1.0, *, parameters: bool = True, inputs_from: int | None = None
+        self, gradient: Tensor | float, scale: float = 1.0, *, parameters: bool = True, inputs_from: int | None = None
     ) -> Tensor | None:
         """Propagate the gradient of a loss back through the last forward pass.
 
         Args:
-            gradient: of the loss at the output, (e, b, outputs).
+            gradient: of the loss at the output, (e, b, outputs), or one number for all of it.
             scale: factor of that gradient.
             parameters: write ``gradients``.
             inputs_from: also return the gradient at the inputs from this column on.
@@ -162,6 +163,6 @@ class Network:
             The gradient at the inputs, (e, b, inputs − inputs_from), or None.
         """
         tape = self._last
-        torch.mul(gradient, scale, out=tape.memory.gradients[-1])
+        tape.start_backward(gradient, scale)
         run(tape.backward if parameters else tape.backward_to_units)
         return None if inputs_from is None else tape.at_inputs(inputs_from)

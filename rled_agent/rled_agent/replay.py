@@ -1,6 +1,7 @@
 """The replay buffer: one row of one array per transition, so that a batch is one gather."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -28,6 +29,7 @@ class Batch:
         """B, the number of transitions."""
         return self.rows.shape[0]
 
+    @cached_property
     def parts(self) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """(s, a) side by side, r, terminated, s': shapes (b, o + n), (b, 1), (b, 1), (b, o)."""
         widths = (self.observation_size + self.action_size, 1, 1, self.observation_size)
@@ -75,7 +77,8 @@ class Replay:
         self.observation_size, self.action_size, self.capacity = observation_size, action_size, capacity
         self.added = 0
         self.rows = np.zeros((capacity, 2 * observation_size + action_size + 2), dtype=np.float32)
-        self._tensor, self._chosen = torch.from_numpy(self.rows), torch.empty(0, dtype=torch.int64)
+        self._tensor = torch.from_numpy(self.rows)
+        self._drawn: dict[int, tuple[Tensor, Batch]] = {}
 
     def __len__(self) -> int:
         """Transitions held."""
@@ -106,8 +109,14 @@ class Replay:
             self.added += 1
 
     def sample(self, size: int, generator: torch.Generator) -> Batch:
-        """Draw transitions uniformly, with replacement."""
-        if self._chosen.shape[0] != size:
-            self._chosen = torch.empty(size, dtype=torch.int64)
-        self._chosen.random_(len(self), generator=generator)
-        return Batch(self._tensor.index_select(0, self._chosen), self.observation_size, self.action_size)
+        """Draw transitions uniformly, with replacement, into memory that the next call of this size overwrites."""
+        chosen, batch = self._drawn.get(size) or self._memory(size)
+        torch.index_select(self._tensor, 0, chosen.random_(len(self), generator=generator), out=batch.rows)
+        return batch
+
+    def _memory(self, size: int) -> tuple[Tensor, Batch]:
+        batch = Batch(
+            torch.empty(size, self.rows.shape[1], dtype=torch.float32), self.observation_size, self.action_size
+        )
+        self._drawn[size] = torch.empty(size, dtype=torch.int64), batch
+        return self._drawn[size]

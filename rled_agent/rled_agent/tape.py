@@ -23,26 +23,36 @@ class Tape:
         layers: parameters.
         architecture: the hidden part.
         inputs: rows to read.
+        out: memory for the output, (e, b, outputs), None to allocate it.
         squash: end in a hyperbolic tangent.
 
     Attributes:
         memory: where everything lies.
+        out: the output, (e, b, outputs).
         masks: dropout factors of the hidden layers, (e, b, outputs), none where nothing is dropped.
         forward: operations of each layer.
         backward: operations from the gradient at the output to those of the parameters and at the first layer.
         backward_to_units: the same without the parameters.
     """
 
-    def __init__(self, layers: Sequence[Layer], architecture: Architecture, inputs: Rows, *, squash: bool) -> None:
+    def __init__(
+        self, layers: Sequence[Layer], architecture: Architecture, inputs: Rows, out: Tensor | None, *, squash: bool
+    ) -> None:
         self.memory = memory = Memory(layers, inputs, normalised=architecture.layer_norm)
+        self.out = memory.linear[-1] if out is None else out
+        self._squash = squash
         self.masks: list[Tensor] = []
         self._statistics: dict[int, tuple[Tensor, Tensor]] = {}
         self._at_inputs: dict[int, tuple[list[Step], Tensor]] = {}
-        last, out, at_out = len(layers) - 1, memory.linear[-1], memory.gradients[-1]
+        last = len(layers) - 1
         self.forward = [memory.outputs(k) + self._hidden(k, architecture) for k in range(last)]
-        self.forward.append(memory.outputs(last) + ([partial(torch.tanh_, out)] if squash else []))
-        self.backward: list[Step] = [partial(TANH_BACKWARD, at_out, out, grad_input=at_out)] if squash else []
-        self.backward_to_units = self.backward.copy()
+        self.forward.append(memory.outputs(last))
+        if squash:
+            self.forward[-1].append(partial(torch.tanh, memory.linear[-1], out=self.out))
+        elif out is not None:
+            self.forward[-1].append(partial(out.copy_, memory.linear[-1]))
+        self.backward: list[Step] = []
+        self.backward_to_units: list[Step] = []
         for k in range(last, -1, -1):
             steps = self._hidden_backward(k, architecture) if k < last else []
             self.backward += steps + memory.parameter_gradients(k) + memory.unit_gradients(k)
@@ -52,7 +62,19 @@ class Tape:
         """Output of the layers from ``start`` on, (e, b, outputs)."""
         for steps in self.forward[start:]:
             run(steps)
-        return self.memory.linear[-1]
+        return self.out
+
+    def start_backward(self, gradient: Tensor | float, scale: float) -> None:
+        """Bring the gradient at the output, times a factor, to where the first step expects it."""
+        at_out = self.memory.gradients[-1]
+        if isinstance(gradient, float):
+            gradient = at_out.fill_(gradient * scale)
+        elif scale != 1.0:
+            gradient = torch.mul(gradient, scale, out=at_out)
+        if self._squash:
+            TANH_BACKWARD(gradient, self.out, grad_input=at_out)
+        elif gradient is not at_out:
+            at_out.copy_(gradient)
 
     def at_inputs(self, start: int) -> Tensor:
         """Gradient at the inputs from a column on, (e, b, inputs − start), after a backward pass."""

@@ -64,5 +64,17 @@ def test_a_batch_outlives_new_transitions():
 def test_same_generator_state_draws_the_same_batch():
     replay = Replay(2, 1, 100)
     fill(replay, 100)
-    one, same = (replay.sample(10, torch.Generator().manual_seed(5)) for _ in range(2))
-    assert torch.equal(one.rows, same.rows)
+    one, same, other = (
+        replay.sample(10, torch.Generator().manual_seed(seed)).rows.clone() for seed in (5, 5, 6)
+    )  # a batch lasts until the next one of its size
+    assert torch.equal(one, same)
+    assert not torch.equal(one, other)
+
+
+def test_batches_of_two_sizes_do_not_share_memory():
+    replay = Replay(2, 1, 100)
+    fill(replay, 100)
+    one = replay.sample(10, torch.Generator().manual_seed(5))
+    before = one.rows.clone()
+    assert len(replay.sample(11, torch.Generator().manual_seed(6))) == 11
+    assert torch.equal(one.rows, before)
