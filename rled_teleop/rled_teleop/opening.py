@@ -6,15 +6,26 @@ from typing import NamedTuple
 from rled_msgs_py.tick import STATE_TOPICS
 from rled_msgs_py.topics import Topic
 
+from rled_teleop.ordering import partition
+
 PATIENCE = 0.5
 """Seconds after which a recording begins without the state topics on which nothing comes."""
 
 
 class Early(NamedTuple):
-    """A message received before the recording begins; ``rank`` is its topic's place among those of one stamp (ns)."""
+    """A message received before the recording begins.
+
+    Attributes:
+        topic: where it came from.
+        rank: place of its topic among the topics of one stamp.
+        number: under which the bag keeps it.
+        stamp: simulation time (ns).
+        data: the message.
+    """
 
     topic: Topic
     rank: int
+    number: int
     stamp: int
     data: bytes
 
@@ -43,10 +54,10 @@ class Opening:
         heard = {each.topic for each in self._held}
         return heard >= {*STATE_TOPICS} or time.monotonic() - self._since > PATIENCE
 
-    def messages(self) -> list[Early]:
-        """What belongs to the recording: from the first tick on that all topics have, in the order of reception."""
+    def messages(self) -> tuple[list[Early], list[Early]]:
+        """What belongs to the recording, from the first tick on that all topics have, and what does not."""
         first: dict[Topic, int] = {}
         for each in self._held:
             first.setdefault(each.topic, each.stamp)
         begin = max((stamp for topic, stamp in first.items() if topic in STATE_TOPICS), default=0)
-        return [each for each in self._held if each.stamp >= begin]
+        return partition(self._held, lambda each: each.stamp >= begin)

@@ -1,10 +1,12 @@
 """The order of messages in a bag: by stamp, then by topic, whatever order they were delivered in."""
 
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Iterable
+from typing import NamedTuple, TypeVar
 
 from rled_msgs_py.bags.header import sim_stamp
 from rled_msgs_py.topics import Topic
+
+T = TypeVar("T")
 
 
 class Received(NamedTuple):
@@ -45,7 +47,7 @@ class Ordering:
         self._next = self._waiting = 0
 
     def add(self, topic: Topic, rank: int, data: bytes, number: int) -> None:
-        """Take a message as received; ``number`` is greater than that of the one before."""
+        """Take a message as received."""
         stamp = sim_stamp(topic.name, topic.type, data)
         if stamp is not None:
             self.newest = stamp
@@ -54,7 +56,7 @@ class Ordering:
         filed = self.newest if stamp is None else stamp
         held = self._unstamped if filed is None else self._held
         held.append(Received(filed or 0, rank, number, topic, data))
-        self._next = number + 1
+        self._next = max(self._next, number + 1)
 
     def due(self) -> list[Received]:
         """What is ripe to be written, in order."""
@@ -71,9 +73,9 @@ class Ordering:
         return rest
 
 
-def partition(messages: list[Received], chosen: Callable[[Received], bool]) -> tuple[list[Received], list[Received]]:
+def partition(messages: Iterable[T], chosen: Callable[[T], bool]) -> tuple[list[T], list[T]]:
     """The messages that are chosen, and the others, both in their order."""
-    parts: tuple[list[Received], list[Received]] = [], []
+    parts: tuple[list[T], list[T]] = [], []
     for each in messages:
         parts[not chosen(each)].append(each)
     return parts

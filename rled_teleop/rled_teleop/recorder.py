@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
+from operator import attrgetter
 from typing import Any
 
 from rclpy.clock import Clock, ClockType
@@ -43,8 +44,7 @@ from rled_teleop.record_params import RecordParams, extra_topics
 
 WRITE_PERIOD = 0.05
 """Seconds between writes; for the sake of their order messages are held for two of them, safe already."""
-REPORT_PERIOD = 1.0
-"""Seconds between reports on ``/diagnostics``."""
+REPORT_PERIOD = 1.0  # s, on /diagnostics
 HISTORY = 1000
 """Messages of a topic that wait for the recorder when it is held up."""
 DESCRIPTIONS = (ROBOT_DESCRIPTION, TASK_DESCRIPTION)
@@ -116,9 +116,9 @@ class Recorder(Node):
         if topic == TASK_STATUS:
             self._episodes.observe(count_of(REACHED, data))
         if topic in DESCRIPTIONS or self._belongs(topic, stamp):
-            self._keep(topic, rank, data)
+            self._ordering.add(topic, rank, data, self._keep(topic, data))
         elif self._is_awaited and topic in TICKING:
-            self._opening.add(Early(topic, rank, stamp, data))
+            self._opening.add(Early(topic, rank, self._keep(topic, data), stamp, data))
             self._begin_when_ready()
         if topic in DESCRIPTIONS:
             self._listen_to_the_rest()
@@ -128,20 +128,22 @@ class Recorder(Node):
         if not (self._is_awaited and self._opening.is_ready()):
             return
         self._is_awaited = False
-        first, *others = self._opening.messages()
-        self._after = first.stamp - 1
-        self._keep(first.topic, first.rank, first.data)
-        self._tell(self._episodes.start(first.stamp))
+        chosen, others = self._opening.messages()
         for each in others:
-            self._keep(each.topic, each.rank, each.data)
+            self._bag.forget(each.number)
+        for each in sorted(chosen, key=attrgetter("stamp")):
+            self._ordering.add(each.topic, each.rank, each.data, each.number)
+            if not self._episodes.running:
+                self._after = each.stamp - 1
+                self._tell(self._episodes.start(each.stamp))
 
-    def _keep(self, topic: Topic, rank: int, data: bytes) -> None:
+    def _keep(self, topic: Topic, data: bytes) -> int:
         """Make a message safe at once; it is written when its place among the others is known."""
         stamp = sim_stamp(topic.name, topic.type, data)
         with self._said_when_failing():
             number = self._bag.keep(topic, data, (self._ordering.newest or 0) if stamp is None else stamp)
-        self._ordering.add(topic, rank, data, number)
         self._kept += 1
+        return number
 
     def _belongs(self, topic: Topic, stamp: int) -> bool:
         """Whether a message is of an episode: episodes begin and end between two ticks."""
@@ -178,25 +180,22 @@ class Recorder(Node):
             for message in messages:
                 self._bag.write_cdr(message.topic, message.data, message.stamp, number=message.number)
 
-    @contextmanager
-    def _said_when_failing(self) -> Iterator[None]:
-        try:
-            yield
-        except BagError as error:
-            self._say_last(error)
-            raise
-
     def _report(self) -> None:
         doing = f"recording episode {self._episodes.number}" if self._episodes.running else "paused"
         self._health(Level.OK, doing if self._described else "waiting for a simulation")
         if not self._described:
             self.get_logger().info("waiting for a simulation", throttle_duration_sec=5.0, skip_first=True)
 
-    def _say_last(self, error: BagError) -> None:
-        """Say loudly that the recording has ended."""
-        self._health(Level.ERROR, f"RECORDING STOPPED: {error}")
-        self.get_logger().fatal(f"RECORDING STOPPED: {error}")
-        self._reports.wait_for_all_acked(LAST_WORDS)
+    @contextmanager
+    def _said_when_failing(self) -> Iterator[None]:
+        """Say loudly that the recording has ended when the bag cannot be written any more."""
+        try:
+            yield
+        except BagError as error:
+            self._health(Level.ERROR, f"RECORDING STOPPED: {error}")
+            self.get_logger().fatal(f"RECORDING STOPPED: {error}")
+            self._reports.wait_for_all_acked(LAST_WORDS)
+            raise
 
     def _health(self, level: Level, message: str) -> None:
         values = {"episode": str(self._episodes.number), "messages": str(self._kept)}
@@ -208,7 +207,8 @@ class Recorder(Node):
 
     def _tell(self, event: str) -> None:
         """Record an event beside the messages of its time, and tell everybody."""
-        self._keep(EPISODE_EVENTS, self._topics.index(EPISODE_EVENTS), encode(EPISODE_EVENTS, Text(event)))
+        data, rank = encode(EPISODE_EVENTS, Text(event)), self._topics.index(EPISODE_EVENTS)
+        self._ordering.add(EPISODE_EVENTS, rank, data, self._keep(EPISODE_EVENTS, data))
         self._events.publish(to_msg(Text(event)))
 
     def _on_record(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:

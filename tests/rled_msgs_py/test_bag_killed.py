@@ -260,3 +260,16 @@ def test_a_repair_that_is_killed_loses_nothing(unfinished, tmp_path):
     assert file.read_bytes() == data
     assert repair(file.parent) == (safe[-1][1], [])
     assert sorted(each.name for each in file.parent.iterdir()) == ["bag_0.mcap", "metadata.yaml"]
+
+
+def test_what_is_forgotten_is_in_no_journal_after_the_next_chunk(tmp_path):
+    writer = BagWriter(tmp_path / "bag")
+    numbers = [
+        writer.keep(topic, codec.encode(topic, record), getattr(record, "stamp", 0)) for topic, record in recording(4)
+    ]
+    writer.forget(numbers[-1])
+    topic, record = recording(4)[0]
+    writer.write_cdr(topic, codec.encode(topic, record), 0, number=numbers[0])
+    writer.flush()
+    del writer
+    assert repair(tmp_path / "bag").messages == 21

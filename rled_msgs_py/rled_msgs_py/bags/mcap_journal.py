@@ -56,7 +56,7 @@ class Journal:
         self.count += 1
 
     def file(self, number: int) -> None:
-        """A message has found its place in the chunk in progress."""
+        """A message has found its place in the chunk in progress, or has none."""
         self._unfiled.pop(number, None)
 
     def renew(self) -> None:

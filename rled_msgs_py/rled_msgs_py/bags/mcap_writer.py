@@ -110,6 +110,11 @@ class McapWriter:
         self._number += 1
         return self._number - 1
 
+    def forget(self, number: int) -> None:
+        """A kept message is not to be filed."""
+        if self._journal:
+            self._journal.file(number)
+
     def add_message(
         self, channel: int, log_time: int, publish_time: int, data: bytes, number: int | None = None
     ) -> None:

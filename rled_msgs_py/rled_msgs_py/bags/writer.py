@@ -75,6 +75,10 @@ class BagWriter:
         """
         return self._file.keep(self._channel(topic), max(log_time, 0), data)
 
+    def forget(self, number: int) -> None:
+        """A kept message has no place in the bag after all."""
+        self._file.forget(number)
+
     def write_cdr(
         self, topic: Topic, data: bytes, log_time: int, publish_time: int | None = None, *, number: int | None = None
     ) -> None:
