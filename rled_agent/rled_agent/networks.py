@@ -10,7 +10,7 @@ import math
 import torch
 from torch import Tensor
 
-from rled_agent.architecture import Architecture
+from rled_agent.architecture import Architecture, Weights
 from rled_agent.dropout import Generator, dropout_masks
 from rled_agent.memory import Layer, Rows, whole_lines
 from rled_agent.tape import Tape, run
@@ -25,7 +25,7 @@ class Network:
         inputs: width of the input.
         outputs: width of the output.
         architecture: the hidden part.
-        generator: draws weights and biases uniformly in ±1/√fan-in.
+        generator: draws the weights.
         members: e.
         squash: end in a hyperbolic tangent.
 
@@ -52,9 +52,7 @@ class Network:
         self.layers = [Layer(*each) for each in zip(*map(self._blocks, (self.parameters, self.gradients)), strict=True)]
         self._tapes: dict[int | Rows, Tape] = {}
         for layer in self.layers:
-            bound = 1.0 / math.sqrt(layer.block.shape[1] - 1)
-            for part in (layer.block[:, 1:], layer.block[:, :1]):
-                part.copy_(torch.empty(part.shape).uniform_(-bound, bound, generator=generator))
+            _draw(layer.block, architecture.weights, generator)
 
     def _shapes(self) -> list[tuple[int, int, int]]:
         widths = [*map(whole_lines, self.architecture.hidden), self.sizes[-1]]
@@ -166,3 +164,13 @@ class Network:
         tape.start_backward(gradient, scale)
         run(tape.backward if parameters else tape.backward_to_units)
         return None if inputs_from is None else tape.at_inputs(inputs_from)
+
+
+def _draw(block: Tensor, way: Weights, generator: torch.Generator) -> None:
+    """Begin with random weights."""
+    fan_in, fan_out = block.shape[1] - 1, block.shape[2]
+    bound, parts = 1.0 / math.sqrt(fan_in), [block[:, 1:], block[:, :1]]
+    if way == "glorot":
+        bound, parts = math.sqrt(6.0 / (fan_in + fan_out)), [block[:, 1:]]
+    for part in parts:
+        part.copy_(torch.empty(part.shape).uniform_(-bound, bound, generator=generator))

@@ -6,8 +6,13 @@ from rled_agent.architecture import Architecture
 from rled_agent.config import BehaviourConfig, ScheduleConfig, TrainConfig
 from rled_agent.learner import LearnerConfig
 
-PANDA_BIASED = TrainConfig()
-"""Section 4.1.3; the exploration noise, which it does not give, is that of 4.2.3."""
+PANDA_BIASED = TrainConfig(
+    behaviour=BehaviourConfig(phi=0.1, noise=0.5),
+    learner=LearnerConfig(actor=Architecture(weights="glorot"), critic=Architecture(weights="glorot")),
+)
+"""Section 4.1.3. Weights begin as in TensorFlow, the framework that it names. The exploration noise it does not give:
+with that of 4.2.3, a fifth of this one, and PyTorch's first weights, the actor sat in a corner of the action space for
+more than 100,000 steps."""
 
 PANDA_TUNED = replace(
     PANDA_BIASED,
@@ -21,7 +26,8 @@ PANDA_TUNED = replace(
         expert_share=0.5,
         evaluate_every=2_000,
     ),
-    learner=replace(PANDA_BIASED.learner, cloning_weight=1.0, critic=Architecture(layer_norm=True)),
+    behaviour=BehaviourConfig(phi=0.1, noise=0.1),
+    learner=LearnerConfig(cloning_weight=1.0, critic=Architecture(layer_norm=True)),
 )
 """Sparse reward: half of each batch comes from the demonstrations, the actor also clones them where the critic agrees,
 and the critics are normalised. It reaches all targets early and does not stay there for good yet."""

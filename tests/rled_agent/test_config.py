@@ -63,6 +63,7 @@ def test_the_presets_of_the_thesis_hold_its_settings():
         (50_000, 100),
     ]
     assert (planar.behaviour.noise, planar.behaviour.passes, planar.learner.actor.dropout) == (0.1, 30, 0.1)
+    assert (panda.learner.actor.weights, panda.learner.critic.weights) == ("glorot", "glorot")  # TensorFlow's
     assert (panda.behaviour.name, planar.behaviour.name, planar.behaviour.measure) == ("biased", "gate", "qcd")
 
 

@@ -157,6 +157,15 @@ def test_same_seed_gives_the_same_weights_within_the_bound_of_the_fan_in():
     assert abs(float(weight.mean())) < 0.01
 
 
+def test_glorots_weights_lie_within_the_bound_of_both_fans_and_biases_begin_at_zero():
+    network = Network(4, 500, Architecture(hidden=(9,), weights="glorot"), generator())
+    for layer, fans in zip(network.layers, (4 + 9, 9 + 500), strict=True):
+        weight, bound = layer.block[:, 1:], (6.0 / fans) ** 0.5
+        assert 0.9 * bound < weight.abs().max() <= bound
+        assert not layer.block[:, :1].any()
+    assert abs(float(weight.mean())) < 0.01
+
+
 def test_a_copy_has_the_weights_and_memory_of_its_own():
     network, x = make(), numbers(ROWS, 3)
     twin, before = network.copy(), network.forward(x).clone()
