@@ -92,18 +92,21 @@ class Line:
             ContractError: something to hide that there is not.
         """
         self._task, self._position = task, position
+        self._settings: tuple[Any, ...] = ()
         self.configure(faults)
         self.seed(None)
-        self.begin()
 
     def configure(self, faults: Faults) -> None:
-        """Have other faults from now on.
+        """Have other faults from now on; where they differ, what is under way is lost.
 
         Raises:
             ContractError: something to hide that there is not.
         """
-        self._faults, self._any = faults, faults.any
         self._hidden = hidden_names(faults.hidden, self._task.joint_names)
+        settings = tuple(getattr(faults, each.name) for each in fields(Faults))
+        if settings != self._settings:
+            self._faults, self._any, self._settings = faults, faults.any, settings
+            self.begin()
 
     def seed(self, seed: int | None) -> None:
         """Begin the draws anew; without a seed, somewhere."""

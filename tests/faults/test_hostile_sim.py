@@ -104,7 +104,7 @@ def heard(plant: Plant) -> int:
 def restore(plant: Plant) -> None:
     """Whatever was stopped and set, a lawful command moves the robot again."""
     own = [each for each in parameters_of(SimParams) if not each.spec.read_only and each.name != "seed"]
-    plant.set(**{each.name: each.default for each in own} | {"command_timeout": 10.0})
+    assert plant.set(**{each.name: each.default for each in own} | {"command_timeout": 10.0}) == ""
     for name in ("estop", "pause"):
         assert plant.call(SetBool, name, data=False).success
     plant.reset()
@@ -127,6 +127,7 @@ def besiege(plant: Plant, strategy: st.SearchStrategy[Any], send: Callable[[Any]
 
     while sent[0] < COUNT:  # where there are but few different ones, again
         attack()
+    assert not [each.message for each in plant.health if "simulations in this graph" in each.message]
     assert plant.unlawful(since) == []
     assert memory[-1] - memory[len(memory) // 5] < GROWTH
     restore(plant)

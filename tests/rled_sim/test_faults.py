@@ -181,6 +181,17 @@ def test_a_new_episode_forgets_what_was_under_way():
     assert state.status.reward == 0.0
 
 
+def test_other_faults_forget_what_was_under_way_and_equal_ones_do_not():
+    made = line(control_delay=1)
+    assert made.act([0.05, 0.0]) is None
+    made.configure(Faults(control_delay=1))
+    assert made.act([0.01, 0.0]) == [0.05, 0.0]
+    made.configure(NO_FAULTS)
+    assert made.act([0.02, 0.0]) == [0.02, 0.0]
+    made.configure(Faults(control_delay=1))
+    assert made.act([0.03, 0.0]) is None
+
+
 @pytest.mark.parametrize(
     ("given", "said"),
     [
