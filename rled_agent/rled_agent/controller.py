@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from rled_msgs_py.records import Actor
 from rled_msgs_py.task import TaskDescription
@@ -78,9 +77,9 @@ class GatedController:
 
     def __init__(self, agent: Policy, expert: Policy, settings: ActorSettings) -> None:
         self.policy, self._expert, self.measure = agent, expert, settings.measure
-        generator = torch.Generator().manual_seed(settings.seed)
+        generator = np.random.default_rng(settings.seed)
         self._monte_carlo = MonteCarlo(agent.network, settings.passes, generator)
-        self._noise = Noise(settings.noise, np.random.default_rng(settings.seed))
+        self._noise = Noise(settings.noise, generator)
 
     def propose(self, observation: Vector) -> Proposals:
         """For an observation, shape (o,)."""
