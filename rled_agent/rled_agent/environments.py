@@ -1,6 +1,6 @@
 """Making the environments that a run acts in and is looked at in."""
 
-from typing import Any, TypeAlias
+from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import gymnasium
 import numpy as np
@@ -14,6 +14,15 @@ from rled_agent.scaling import Floats
 
 Environment: TypeAlias = gymnasium.Env[Any, Any]
 Box = gymnasium.spaces.Box
+
+
+@runtime_checkable
+class Elsewhere(Protocol):
+    """An environment that is not in this process, so that it can move while this process learns."""
+
+    def begin(self, action: Any) -> None:
+        """Send the action of the next ``step`` already."""
+        ...
 
 
 def make_environment(config: TrainConfig, start_joints: NDArray[np.float64] | None) -> Environment:

@@ -83,12 +83,18 @@ class GraphEnv(gymnasium.Env[Floats, Floats]):
         tick = self._next(lambda tick: tick.stamp >= begins)
         return self._seen(tick)
 
-    def step(self, action: Floats) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
-        """Displace the joints by ``action`` (rad), shape (n,), and wait for the tick that answers."""
-        answered = self._tick.stamp
+    def begin(self, action: Floats) -> None:
+        """Send the action of the next ``step`` now: the robot moves while the caller does something else."""
         most = self.task.max_delta
         delta = np.clip(np.asarray(action, dtype=np.float64), -most, most)  # as the environments in process do
-        self._delta.publish(DeltaCommand(answered, self.task.joint_names, delta))
+        self._delta.publish(DeltaCommand(self._tick.stamp, self.task.joint_names, delta))
+        self._begun = True
+
+    def step(self, action: Floats) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
+        """Displace the joints by ``action`` (rad), shape (n,), and wait for the tick that answers."""
+        if not self._begun:
+            self.begin(action)
+        self._begun, answered = False, self._tick.stamp
         observation, info = self._seen(self._next(lambda tick: tick.stamp > answered))
         status = self._tick.status
         return observation, status.reward, status.terminated, status.truncated, info
@@ -100,7 +106,7 @@ class GraphEnv(gymnasium.Env[Floats, Floats]):
         self._context.try_shutdown()
 
     def _seen(self, tick: Tick) -> tuple[Floats, dict[str, Any]]:
-        self._tick = tick
+        self._tick, self._begun = tick, False
         q = tick.joints.ordered(self.task.joint_names).position
         observation = self.task.observe(q, tick.ee.position, tick.target.position).astype(np.float32)
         status = tick.status

@@ -11,7 +11,7 @@ from rled_msgs_py.errors import RledError
 from rled_agent.behaviour import Behaviour, BiasedExploration, MonteCarloGate, Noise, actor_source
 from rled_agent.checkpoint import Checkpoint
 from rled_agent.config import TrainConfig
-from rled_agent.environments import Environment
+from rled_agent.environments import Elsewhere, Environment
 from rled_agent.expertise import Expertise
 from rled_agent.interval import Interval
 from rled_agent.learner import Learner
@@ -75,8 +75,13 @@ class Trainer:
         self.behaviour.begin()
 
     def advance(self) -> None:
-        """One environment step, and the gradient steps that are due after it."""
+        """One environment step, and while it is on its way the gradient steps that are due."""
         choice = self.behaviour.act(self._observation)
+        if isinstance(self.env, Elsewhere):
+            self.env.begin(self._physical(choice.action))
+        schedule = self.config.schedule
+        if self.step and self.step >= schedule.train_after and self.step % schedule.train_every == 0:
+            self._learn(schedule.gradient_steps)
         reward, risky, terminated, truncated, observation = self._transition(choice.action)
         self.replay.add(self._observation, choice.action, reward, terminated, observation)
         self.interval.count(choice, reward, risky)
@@ -85,14 +90,13 @@ class Trainer:
         if terminated or truncated:
             self.interval.episodes.append(self._episode)
             self._begin_episode(int(self.generator.integers(SEEDS)))
-        schedule = self.config.schedule
-        if self.step >= schedule.train_after and self.step % schedule.train_every == 0:
-            self._learn(schedule.gradient_steps)
+
+    def _physical(self, action: NDArray[np.float32]) -> NDArray[np.float32]:
+        return self.expertise.scaling.denormalize_action(action).astype(np.float32)
 
     def _transition(self, action: NDArray[np.float32]) -> tuple[float, bool, bool, bool, NDArray[np.float32]]:
         scaling = self.expertise.scaling
-        physical = scaling.denormalize_action(action).astype(np.float32)
-        observation, reward, terminated, truncated, info = self.env.step(physical)
+        observation, reward, terminated, truncated, info = self.env.step(self._physical(action))
         self._episode_actions.append(action)
         before = self._episode
         self._episode = EpisodeResult(

@@ -145,8 +145,8 @@ def test_gradient_steps_come_in_bursts_once_enough_was_seen(make):
     for _ in range(100):
         trainer.advance()
         counts.append(trainer.learner.updates)
-    # from step 40 on, 10 after every 20th
-    assert counts == [10 * max(0, step // 20 - 1) for step in range(1, 101)]
+    # 40 steps seen, and after every 20th more, 10 while the next one is on its way
+    assert counts == [10 * max(0, seen // 20 - 1) for seen in range(100)]
 
 
 def test_transitions_are_stored_normalised_and_in_order(make):
