@@ -164,12 +164,3 @@ def test_recording_from_the_page_gives_a_bag_that_passes(me: Any, watcher: Any, 
     me.says("Stop the replay")
     me.shot("replay")
     me.button("Replay").wait_for()
-
-
-def test_page_says_that_the_port_is_taken(address: str) -> None:
-    port = address.rpartition(":")[2]
-    command = [*program("rled_teleop", "teleop_web"), "--port", port]
-    ended = subprocess.run(command, capture_output=True, text=True, timeout=60)
-    assert ended.returncode == 2
-    assert ended.stderr.startswith("error: no page at 127.0.0.1 port")
-    assert ended.stderr.count("\n") == 1
