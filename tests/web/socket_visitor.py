@@ -1,0 +1,110 @@
+"""A visitor without a browser: speaks viser's protocol over a plain WebSocket, and may lie."""
+
+import threading
+import time
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from typing import Any
+
+import msgspec.msgpack
+import viser
+import zstandard
+from viser import _messages as messages
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
+
+HOLD_RATE = 20.0
+
+
+def unpacked(data: bytes) -> list[dict[str, Any]]:
+    """The messages of one frame: two lengths, compressed msgpack, binary arrays (which are left out)."""
+    length = int.from_bytes(data[8:16], "little")
+    return list(msgspec.msgpack.decode(zstandard.ZstdDecompressor().decompress(data[16 : 16 + length]))["messages"])
+
+
+class SocketVisitor:
+    """Reads all that is sent, answers when asked whether it is alive, and presses buttons by their labels."""
+
+    def __init__(self, address: str) -> None:
+        name = f"viser-v{viser.__version__}"
+        self._socket = connect(address.replace("http", "ws"), subprotocols=[name], max_size=None, compression=None)
+        self._elements: dict[str, dict[str, Any]] = {}
+        self.received: Counter[str] = Counter()
+        self.alive = True
+        self._reading = threading.Thread(target=self._read, daemon=True)
+        self._reading.start()
+        camera = messages.ViewerCameraMessage((1, 0, 0, 0), (1, 1, 1), 0.8, 0.01, 100.0, 600, 800, (0, 0, 0), (0, 0, 1))
+        self.send(camera)
+
+    def send(self, message: Any) -> None:
+        self._socket.send(msgspec.msgpack.encode(message.as_serializable_dict([])))
+
+    def _read(self) -> None:
+        with suppress(ConnectionClosed):
+            for data in self._socket:
+                for message in unpacked(bytes(data)):
+                    self._take(message)
+
+    def _take(self, message: dict[str, Any]) -> None:
+        kind = message["type"]
+        self.received[kind] += 1
+        if "uuid" in message and isinstance(message.get("props"), dict):
+            self._elements[message["uuid"]] = dict(message["props"])
+        elif kind == "GuiUpdateMessage" and message["uuid"] in self._elements:
+            self._elements[message["uuid"]].update(message["updates"])
+        elif kind == "LocalStorageGetItemRequestMessage" and self.alive:
+            answer = messages.LocalStorageGetItemResponseMessage(None, None, message["request_uuid"])
+            with suppress(ConnectionClosed):
+                self.send(answer)
+
+    def find(self, label: str) -> str:
+        """The newest element of that label."""
+        deadline = time.monotonic() + 30.0
+        while time.monotonic() < deadline:
+            found = [uuid for uuid, props in list(self._elements.items()) if props.get("label") == label]
+            if found:
+                return found[-1]
+            time.sleep(0.02)
+        raise AssertionError(f"no {label} on the page")
+
+    def is_disabled(self, label: str) -> bool:
+        return bool(self._elements[self.find(label)]["disabled"])
+
+    def text(self) -> str:
+        """All texts of the page."""
+        return "\n".join(str(each.get("content", "")) for each in list(self._elements.values()))
+
+    def click(self, label: str) -> None:
+        self.send(messages.GuiUpdateMessage(self.find(label), {"value": True}))
+
+    def press(self, group: str, choice: str) -> None:
+        self.send(messages.GuiUpdateMessage(self.find(group), {"value": choice}))
+
+    def may_drive(self) -> bool:
+        return not self.is_disabled("Drive")
+
+    def hold_once(self, label: str) -> None:
+        self.send(messages.GuiButtonHoldMessage(self.find(label), HOLD_RATE))
+
+    @contextmanager
+    def holding(self, label: str) -> Iterator[None]:
+        """Hold a button, as a browser does."""
+        stop = threading.Event()
+
+        def hold() -> None:
+            while not stop.is_set():
+                self.hold_once(label)
+                stop.wait(1.0 / HOLD_RATE)
+
+        holder = threading.Thread(target=hold, daemon=True)
+        holder.start()
+        try:
+            yield
+        finally:
+            stop.set()
+            holder.join()
+
+    def close(self) -> None:
+        self._socket.close()
+        self._reading.join(5.0)

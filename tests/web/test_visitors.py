@@ -1,0 +1,110 @@
+"""Visitors who speak the page's protocol themselves: honest ones, ones that lie, ones that fall silent."""
+
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from .socket_visitor import SocketVisitor
+
+
+@pytest.fixture(scope="module", params=["real_time", "lockstep"])
+def mode(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+@pytest.fixture(scope="module")
+def address(ros_domain: int, serve: Callable[..., Any], mode: str) -> Iterator[str]:
+    with serve("--robot", "planar", "--sim-options", f"--mode {mode}") as address:
+        yield address
+
+
+@pytest.fixture
+def visitor(address: str, watcher: Any) -> Iterator[Callable[[], SocketVisitor]]:
+    opened: list[SocketVisitor] = []
+
+    def come() -> SocketVisitor:
+        opened.append(SocketVisitor(address))
+        opened[-1].find("y +")
+        return opened[-1]
+
+    yield come
+    for each in opened:
+        each.close()
+    watcher.await_that(watcher.rests, "the robot to rest")
+
+
+def test_a_held_button_moves_the_robot_and_letting_go_stops_it_within_200_ms(visitor: Any, watcher: Any) -> None:
+    me, waits = visitor(), []
+    for label in ("y −", "y +", "y −"):
+        before = watcher.tool[1]
+        with me.holding(label):
+            watcher.await_that(lambda before=before: abs(watcher.tool[1] - before) > 0.01, label)
+        released = time.monotonic()
+        watcher.await_that(watcher.rests, "the robot to rest")
+        waits.append(watcher.last_motion(released) - released)
+        assert (watcher.tool[1] > before) == (label == "y +")
+    print("stopped after ms:", [round(1e3 * each) for each in waits])
+    assert min(waits) < 0.2
+
+
+def test_a_connection_that_ends_stops_motion(visitor: Any, watcher: Any) -> None:
+    me = visitor()
+    with me.holding("y −"):
+        watcher.await_that(watcher.moves, "motion")
+    me.close()
+    closed = time.monotonic()
+    watcher.await_that(watcher.rests, "the robot to rest")
+    assert watcher.last_motion(closed) - closed < 1.0
+
+
+def test_a_watcher_that_forges_messages_moves_nothing(visitor: Any, watcher: Any) -> None:
+    driver, liar = visitor(), visitor()
+    watcher.await_that(lambda: driver.is_disabled("y +") is False, "the driver's buttons")
+    assert liar.is_disabled("y +")
+    q = watcher.q.copy()
+    for _ in range(10):
+        liar.hold_once("y +")
+        liar.hold_once("To the target")
+        liar.click("Begin episode")
+        time.sleep(0.02)
+    time.sleep(0.5)
+    assert np.array_equal(watcher.q, q)
+
+
+def test_a_second_visitor_drives_when_the_first_has_gone(visitor: Any, watcher: Any) -> None:
+    first, second = visitor(), visitor()
+    second.click("Drive")
+    time.sleep(0.5)
+    assert second.is_disabled("y +")
+    first.close()
+    watcher.await_that(lambda: "Nobody drives" in second.text(), "the wheel to be free")
+    second.click("Drive")
+    watcher.await_that(lambda: "You drive" in second.text(), "the wheel")
+    with second.holding("y −"):
+        watcher.await_that(watcher.moves, "motion")
+
+
+def test_any_visitor_stops_and_only_the_driver_releases(visitor: Any, watcher: Any, mode: str) -> None:
+    driver, other = visitor(), visitor()
+    other.click("EMERGENCY STOP")
+    watcher.await_that(lambda: "emergency stop" in driver.text(), "the stop")
+    q = watcher.q.copy()
+    with driver.holding("y +"):
+        time.sleep(0.6)
+    assert np.array_equal(watcher.q, q)
+    driver.press("Simulation", "Release stop")
+    watcher.await_that(lambda: "emergency stop" not in driver.text(), "the release")
+    with driver.holding("y +"):
+        watcher.await_that(watcher.moves, "motion")
+
+
+def test_a_silent_driver_can_be_relieved(visitor: Any, watcher: Any) -> None:
+    silent, other = visitor(), visitor()
+    silent.alive = False
+    watcher.await_that(lambda: other.may_drive(), "the wheel to be free", timeout=30.0)
+    other.click("Drive")
+    watcher.await_that(lambda: "You drive" in other.text(), "the wheel")
+    assert "You watch" in silent.text() or watcher.await_that(lambda: "You watch" in silent.text(), "the news")
