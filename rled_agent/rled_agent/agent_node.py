@@ -45,6 +45,8 @@ LOOK = 0.02
 """Seconds between two looks at a state that waits for a person."""
 SOON = 0.1
 """Seconds between two reports, when there is something to tell."""
+SAVING = 10.0
+"""Seconds that the learning process is given to write its state when the node ends."""
 
 
 class Waiting(NamedTuple):
@@ -279,7 +281,7 @@ class AgentNode(Node):
         """End the learning process, which saves its state, with the node."""
         apprentice: Apprentice | None = getattr(self, "_apprentice", None)
         if apprentice is not None:
-            apprentice.close()
+            apprentice.close(SAVING if apprentice.started else 0.0)
         super().destroy_node()
 
 

@@ -32,6 +32,7 @@ class AgentParams:
                          read_only=True)  # fmt: skip
     seed: int = param(0, "seed of dropped units and noise", low=0, high=2**31 - 1, read_only=True)
     learning_state: str = param("out/agent_node/learning.safetensors", "where ~/learn keeps its state", read_only=True)
+    learn: bool = param(False, "learn from the start; ~/learn switches it", read_only=True)
     enabled: bool = param(True, "answer states; ~/enable switches it", read_only=True)
 
     def actor(self) -> ActorSettings:

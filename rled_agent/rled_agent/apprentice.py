@@ -40,6 +40,12 @@ class Apprentice:
         """The process is alive."""
         return self._process.poll() is None
 
+    @property
+    def started(self) -> bool:
+        """The process has loaded what was learned before; that is the first thing that it hands over."""
+        self.renew()
+        return self.handovers > 0
+
     def offer(self, row: NDArray[np.float32], by_person: bool = False) -> None:
         """Send one transition, a row as in ``Replay``, marked by its source; a full pipe drops it."""
         self.offered += 1
@@ -62,7 +68,7 @@ class Apprentice:
             self._process.send_signal(signal.SIGUSR1)
 
     def close(self, patience: float = 10.0) -> None:
-        """End the process: it writes its state first."""
+        """End the process: it writes its state first, unless that takes it longer than ``patience`` seconds."""
         assert self._process.stdin is not None
         self._process.stdin.close()
         try:

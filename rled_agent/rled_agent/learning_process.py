@@ -5,10 +5,12 @@ person acted, and never waits: what does not fit into the pipe is dropped and co
 ``WeightSlot``.
 """
 
+import gc
 import os
 import select
 import signal
 import sys
+import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Event
@@ -41,7 +43,7 @@ class Options:
     slot: str
     """name of the shared memory for the actor's weights"""
     checkpoint: Path
-    """state to continue from, and to save to at the end and on SIGUSR1"""
+    """state to continue from, and to save to at the end, on SIGUSR1 and once in a while"""
     train_after: int = 500
     """transitions before the first gradient step, when nothing was learned before"""
     updates_per_step: float = 1.0
@@ -50,6 +52,8 @@ class Options:
     """share of each batch drawn from what a person did, once there is any (online knowledge, section 3.3)"""
     handover_every: int = 20
     """gradient steps between two hand-overs of weights"""
+    save_every: float = 60.0
+    """seconds between two savings: what a killed process loses at most"""
     seed: int = 0
     """of everything drawn"""
 
@@ -72,6 +76,7 @@ class Student:
         self.options, self._batch_size = options, config.schedule.batch_size
         self.learner = Learner(*sizes, settings, torch.Generator().manual_seed(options.seed))
         self.replay = Replay(*sizes, config.schedule.capacity)
+        self.replay.rows.fill(0.0)  # takes all its memory now, not hours later
         self.by_person = Replay(*sizes, config.schedule.capacity)
         self.learner.actor.parameters.copy_(policy.network.parameters)
         self.learner.target_actor.parameters.copy_(policy.network.parameters)
@@ -115,7 +120,7 @@ class Student:
 def learn(student: Student, slot: WeightSlot, stop: Event, save: Event) -> None:
     """Take transitions and make the gradient steps that are owed, until the input ends or ``stop`` is set."""
     source, width = sys.stdin.fileno(), student.replay.rows.shape[1] + 1
-    pending = b""
+    pending, saved = b"", time.monotonic()
     while not stop.is_set():
         waiting = 0.0 if student.is_due() else 0.1
         if select.select([source], [], [], waiting)[0]:
@@ -130,9 +135,10 @@ def learn(student: Student, slot: WeightSlot, stop: Event, save: Event) -> None:
             student.update()
             if student.learner.updates % student.options.handover_every == 0:
                 slot.put(student.learner.actor.parameters.numpy())
-        if save.is_set():
+        if save.is_set() or time.monotonic() - saved > student.options.save_every:
             save.clear()
             student.save()
+            saved = time.monotonic()
 
 
 @command_line
@@ -143,6 +149,8 @@ def main() -> None:
     torch.set_flush_denormal(True)
     student = Student(options)
     slot = WeightSlot(len(student.learner.actor.parameters), options.slot)
+    slot.put(student.learner.actor.parameters.numpy())  # what was learned before acts at once
+    gc.freeze()  # what the imports brought is never looked at again: a quicker end
     save = Event()
     signal.signal(signal.SIGUSR1, lambda *_: save.set())
     with stop_requested() as stop:

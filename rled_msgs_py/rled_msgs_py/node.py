@@ -1,5 +1,6 @@
 """Starting a node, its parameters and its end, the same way for every node of the graph."""
 
+import gc
 import os
 import sys
 import time
@@ -187,6 +188,7 @@ def run_node(
         try:
             with stop_requested() as stop:
                 node = make(parameter_overrides=overrides)
+                gc.freeze()  # what the imports brought is never looked at again: shorter pauses, a quicker end
                 (work or spin)(node, stop)
         finally:
             if node is not None:

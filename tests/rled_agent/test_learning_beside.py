@@ -212,7 +212,7 @@ def test_the_apprentice_learns_hands_weights_over_and_keeps_its_state(apprentice
             apprentice.offer(row)
         apprentice.renew()
         assert apprentice.running
-        return apprentice.handovers > 0
+        return apprentice.handovers > 1
 
     await_that(handed_over)
     assert not torch.equal(apprentice._actor.parameters, before)
