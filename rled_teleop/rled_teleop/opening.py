@@ -17,14 +17,12 @@ class Early(NamedTuple):
 
     Attributes:
         topic: where it came from.
-        rank: place of its topic among the topics of one stamp.
         number: under which the bag keeps it.
         stamp: simulation time (ns).
         data: the message.
     """
 
     topic: Topic
-    rank: int
     number: int
     stamp: int
     data: bytes

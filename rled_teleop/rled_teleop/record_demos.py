@@ -108,6 +108,7 @@ def _spin(node: Recorder, stop: Event, children: Children, operator: Child | Non
     executor.add_node(node)
     while not stop.is_set() and (operator is None or operator.exit_code is None):
         executor.spin_once(timeout_sec=SPIN)
+        node.check()
         children.check()
     children.check()
     deadline = time.monotonic() + LAST_MESSAGES

@@ -1,8 +1,6 @@
 """Node: writes what travels on the topics, received over DDS and unchanged, into a bag."""
 
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from operator import attrgetter
@@ -37,13 +35,11 @@ from std_srvs.srv import SetBool, Trigger
 
 from rled_teleop import __version__
 from rled_teleop.episodes import REACHED, About, Episodes, Refusal, count_of
+from rled_teleop.filing import WRITE_PERIOD, Filing
 from rled_teleop.opening import Early, Opening
-from rled_teleop.ordering import Ordering, Received
 from rled_teleop.recent import Recent
 from rled_teleop.record_params import RecordParams, extra_topics
 
-WRITE_PERIOD = 0.05
-"""Seconds between writes; for the sake of their order messages are held for two of them, safe already."""
 REPORT_PERIOD = 1.0  # s, on /diagnostics
 HISTORY = 1000
 """Messages of a topic that wait for the recorder when it is held up."""
@@ -64,12 +60,11 @@ class Recorder(Node):
         super().__init__("record_demos", **options)
         self.params = declare(self, RecordParams)
         self._topics = (*extra_topics(self.params.topics), *RECORDED)
-        self._ordering = Ordering()
         self._recent = Recent()
         self._episodes = Episodes(About(self.params.operator_name or self.params.operator, __version__))
         self._described, self._is_awaited, self._opening = False, not self.params.paused, Opening()
         self._after = self._until = -1  # stamps of the newest tick when the episode began and when the last one ended
-        self._kept, self._written_at = 0, time.monotonic()
+        self._failure: BagError | None = None
         self._marks = (advertise(self, MARKED_JOINT_STATES), advertise(self, MARKED_EE_POSE))
         self._events, self._reports = advertise(self, EPISODE_EVENTS), advertise(self, DIAGNOSTICS)
         self.create_service(SetBool, "~/record", self._on_record)
@@ -83,9 +78,9 @@ class Recorder(Node):
         It listens to the descriptions first, and to the rest in the order of ``RECORDED`` once they are there: whoever
         sees it listen to ``joint_delta`` can begin.
         """
-        self._bag = bag
+        self._filing = Filing(bag, self._topics)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(WRITE_PERIOD, self._write_when_due, clock=steady)
+        self.create_timer(WRITE_PERIOD, partial(self._safely, self._go_on), clock=steady)
         self.create_timer(REPORT_PERIOD, self._report, clock=steady)
         for topic in DESCRIPTIONS:
             self._listen(topic)
@@ -96,19 +91,27 @@ class Recorder(Node):
         complete = min(newest) if min(newest) >= 0 else max(newest)
         if self._episodes.running:
             self._tell(self._episodes.stop(max(complete, self._after)))
-        rest = self._ordering.rest()
-        self._write([each for each in rest if each.topic not in TICKING or each.stamp <= complete])
+        self._filing.write_rest(lambda each: each.topic not in TICKING or each.stamp <= complete)
+
+    def check(self) -> None:
+        """See that the recording goes on.
+
+        Raises:
+            BagError: the bag cannot be written any more.
+        """
+        if self._failure:
+            raise self._failure
 
     def is_complete(self) -> bool:
         """Whether the state that the newest delta led to is there, on all its topics."""
         return min(self._recent.stamps(STATE_TOPICS)) > self._recent.stamp(JOINT_DELTA)
 
     def _listen(self, topic: Topic) -> None:
-        received = partial(self._received, topic, self._topics.index(topic))
+        received = partial(self._safely, self._received, topic)
         qos = qos_profile(replace(topic.qos, depth=HISTORY))
         self.create_subscription(MESSAGE_CLASSES[topic.type], topic.name, received, qos, raw=True)
 
-    def _received(self, topic: Topic, rank: int, data: bytes) -> None:
+    def _received(self, topic: Topic, data: bytes) -> None:
         stamp = sim_stamp(topic.name, topic.type, data) or 0
         if topic in TICKING and stamp < self._recent.stamp(topic):  # the simulation was restarted
             self._after = self._until = -1
@@ -116,13 +119,12 @@ class Recorder(Node):
         if topic == TASK_STATUS:
             self._episodes.observe(count_of(REACHED, data))
         if topic in DESCRIPTIONS or self._belongs(topic, stamp):
-            self._ordering.add(topic, rank, data, self._keep(topic, data))
+            self._filing.take(topic, data)
         elif self._is_awaited and topic in TICKING:
-            self._opening.add(Early(topic, rank, self._keep(topic, data), stamp, data))
-            self._begin_when_ready()
+            self._opening.add(Early(topic, self._filing.keep(topic, data), stamp, data))
         if topic in DESCRIPTIONS:
             self._listen_to_the_rest()
-        self._write_when_due()  # a burst of messages keeps the timer waiting
+        self._go_on()
 
     def _begin_when_ready(self) -> None:
         if not (self._is_awaited and self._opening.is_ready()):
@@ -130,20 +132,12 @@ class Recorder(Node):
         self._is_awaited = False
         chosen, others = self._opening.messages()
         for each in others:
-            self._bag.forget(each.number)
+            self._filing.forget(each.number)
         for each in sorted(chosen, key=attrgetter("stamp")):
-            self._ordering.add(each.topic, each.rank, each.data, each.number)
+            self._filing.add(each.topic, each.data, each.number)
             if not self._episodes.running:
                 self._after = each.stamp - 1
                 self._tell(self._episodes.start(each.stamp))
-
-    def _keep(self, topic: Topic, data: bytes) -> int:
-        """Make a message safe at once; it is written when its place among the others is known."""
-        stamp = sim_stamp(topic.name, topic.type, data)
-        with self._said_when_failing():
-            number = self._bag.keep(topic, data, (self._ordering.newest or 0) if stamp is None else stamp)
-        self._kept += 1
-        return number
 
     def _belongs(self, topic: Topic, stamp: int) -> bool:
         """Whether a message is of an episode: episodes begin and end between two ticks."""
@@ -169,16 +163,22 @@ class Recorder(Node):
         except ContractError as error:
             self.get_logger().error(f"{TASK_DESCRIPTION.name}: {error}")
 
-    def _write_when_due(self) -> None:
-        if (now := time.monotonic()) - self._written_at >= WRITE_PERIOD:
-            self._written_at = now
-            self._begin_when_ready()
-            self._write(self._ordering.due())
+    def _go_on(self) -> None:
+        """What is to be done again and again; called on messages too, because a burst of them keeps timers waiting."""
+        self._begin_when_ready()
+        self._filing.write_when_due()
 
-    def _write(self, messages: list[Received]) -> None:
-        with self._said_when_failing():
-            for message in messages:
-                self._bag.write_cdr(message.topic, message.data, message.stamp, number=message.number)
+    def _safely(self, callback: Callable[..., None], *values: Any) -> None:
+        """Say loudly when the bag cannot be written any more; an executor would print a traceback."""
+        if self._failure:
+            return
+        try:
+            callback(*values)
+        except BagError as error:
+            self._failure = error
+            self._health(Level.ERROR, f"RECORDING STOPPED: {error}")
+            self.get_logger().fatal(f"RECORDING STOPPED: {error}")
+            self._reports.wait_for_all_acked(LAST_WORDS)
 
     def _report(self) -> None:
         doing = f"recording episode {self._episodes.number}" if self._episodes.running else "paused"
@@ -186,19 +186,8 @@ class Recorder(Node):
         if not self._described:
             self.get_logger().info("waiting for a simulation", throttle_duration_sec=5.0, skip_first=True)
 
-    @contextmanager
-    def _said_when_failing(self) -> Iterator[None]:
-        """Say loudly that the recording has ended when the bag cannot be written any more."""
-        try:
-            yield
-        except BagError as error:
-            self._health(Level.ERROR, f"RECORDING STOPPED: {error}")
-            self.get_logger().fatal(f"RECORDING STOPPED: {error}")
-            self._reports.wait_for_all_acked(LAST_WORDS)
-            raise
-
     def _health(self, level: Level, message: str) -> None:
-        values = {"episode": str(self._episodes.number), "messages": str(self._kept)}
+        values = {"episode": str(self._episodes.number), "messages": str(self._filing.kept)}
         now = self.get_clock().now().nanoseconds
         self._reports.publish(to_msg(Health(now, level, "record_demos: bag", message, values)))
 
@@ -207,8 +196,7 @@ class Recorder(Node):
 
     def _tell(self, event: str) -> None:
         """Record an event beside the messages of its time, and tell everybody."""
-        data, rank = encode(EPISODE_EVENTS, Text(event)), self._topics.index(EPISODE_EVENTS)
-        self._ordering.add(EPISODE_EVENTS, rank, data, self._keep(EPISODE_EVENTS, data))
+        self._filing.take(EPISODE_EVENTS, encode(EPISODE_EVENTS, Text(event)))
         self._events.publish(to_msg(Text(event)))
 
     def _on_record(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
@@ -228,12 +216,13 @@ class Recorder(Node):
                 raise Refusal("no state received yet")
             was_running = self._episodes.running
             for event in ask():
-                self._tell(event)
+                self._safely(self._tell, event)
+            self.check()
             if self._episodes.running:
                 self._after = self._now()
             elif was_running:
                 self._until = self._now()
-        except Refusal as error:
+        except (Refusal, BagError) as error:
             response.success, response.message = False, str(error)
             return response
         response.success, response.message = True, said.format(self._episodes.number)

@@ -428,6 +428,8 @@ def test_a_full_disk_ends_the_recording_loudly_and_keeps_what_was_written(tmp_pa
             code, _, err = recording.end()
     assert code == 2
     assert "RECORDING STOPPED" in err
+    assert 'File "' not in err  # no traceback
+    assert err.splitlines()[-1].startswith("error: writing ")
     assert re.search(r"error: writing .*bag_0.mcap failed: File too large; kept: the first \d+ messages", err)
     (report,) = (each for each in reports if each.level is Level.ERROR)
     assert report.message.startswith("RECORDING STOPPED")

@@ -53,10 +53,10 @@ def record_until_killed(bag: Path, received: np.ndarray) -> int:
     """Fork a recorder that notes when it received each message, shape (5, k); return its process id."""
 
     class Probe(Recorder):
-        def _received(self, topic: Any, rank: int, data: bytes) -> None:
+        def _received(self, topic: Any, data: bytes) -> None:
             if topic in FIVE:
                 received[FIVE.index(topic), (stamp_of(topic.type, data) or 0) // PERIOD] = time.monotonic()
-            super()._received(topic, rank, data)
+            super()._received(topic, data)
 
     child = os.fork()
     if child == 0:

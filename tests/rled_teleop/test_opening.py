@@ -13,7 +13,7 @@ def test_a_recording_begins_with_the_first_tick_that_all_topics_have() -> None:
     received = [(topic, k) for since, topic in enumerate(STATE_TOPICS) for k in range(since, 6)]
     for topic, k in received:
         assert not early.is_ready() or topic is STATE_TOPICS[-1]
-        early.add(Early(topic, 0, 0, k, b""))
+        early.add(Early(topic, 0, k, b""))
     assert early.is_ready()
     begin = len(STATE_TOPICS) - 1
     chosen, others = ([(each.topic, each.stamp) for each in part] for part in early.messages())
@@ -24,7 +24,7 @@ def test_a_recording_begins_with_the_first_tick_that_all_topics_have() -> None:
 def test_a_command_that_answers_the_first_tick_is_kept() -> None:
     early = Opening()
     for topic in (JOINT_DELTA, *STATE_TOPICS):
-        early.add(Early(topic, 0, 0, 20, b""))
+        early.add(Early(topic, 0, 20, b""))
     assert early.is_ready()
     assert len(early.messages()[0]) == 1 + len(STATE_TOPICS)
 
@@ -32,7 +32,7 @@ def test_a_command_that_answers_the_first_tick_is_kept() -> None:
 def test_a_topic_on_which_nothing_comes_is_not_waited_for_long(monkeypatch: pytest.MonkeyPatch) -> None:
     early = Opening()
     assert not early.is_ready()
-    early.add(Early(JOINT_STATES, 0, 0, 20, b""))
+    early.add(Early(JOINT_STATES, 0, 20, b""))
     assert not early.is_ready()
     monkeypatch.setattr(opening, "PATIENCE", 0.01)
     time.sleep(0.02)
