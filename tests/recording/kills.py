@@ -39,12 +39,14 @@ class Loss(NamedTuple):
     Attributes:
         since_published: from the publication of the first lost message after the last kept one to the kill (s).
         since_received: from the reception of the first lost message to the kill (s).
+        since_handled: the same without the message that the recorder had in hand (s).
         silence: from the last reception of any message to the kill (s): a recorder that got no processor time.
         not_delivered: messages between kept ones that the recorder never received: lost by DDS.
     """
 
     since_published: float
     since_received: float
+    since_handled: float
     silence: float
     not_delivered: int
 
@@ -88,23 +90,29 @@ def contents(bag: Path) -> dict[str, list[bytes]]:
 
 def loss_of(bag: Path, killed: float, published: np.ndarray, received: np.ndarray) -> Loss:
     """What of the messages published and received before the kill is not in the bag."""
-    messages, sent_lost, came_lost, gaps = contents(bag), 0.0, 0.0, 0
+    messages, sent_lost, came_lost, handled_lost, gaps = contents(bag), 0.0, 0.0, 0.0, 0
+    newest = float(received[received < killed].max())
     joined = int(np.flatnonzero(received[-1])[0])  # what was published before comes from the latched topics' history
-    for row, topic in enumerate(FIVE):
-        numbers = (
-            np.array([stamp_of(topic.type, data) for data in messages[f"/{topic.name}"]], dtype=np.int64) // PERIOD
-        )
+    numbers_of = [
+        np.array([stamp_of(topic.type, data) for data in messages[f"/{topic.name}"]], dtype=np.int64) // PERIOD
+        for topic in FIVE
+    ]
+    begin = max((min(numbers) for numbers in numbers_of if len(numbers)), default=0)  # the first tick that is whole
+    for row, numbers in enumerate(numbers_of):
         in_bag = np.isin(np.arange(len(published)), numbers)
         last = max(joined, *numbers) if len(numbers) else joined
-        # the recording begins with the first tick that all topics have
-        belongs = np.arange(len(published)) >= (min(numbers) if len(numbers) else 0)
-        came = received[row][(received[row] > 0) & (received[row] < killed) & ~in_bag & belongs]
+        belongs = (received[row] > 0) & (received[row] < killed) & (np.arange(len(published)) >= begin)
+        came = received[row][belongs & ~in_bag]
+        if len(came) and max(killed - came) > LIMIT:
+            missing = np.flatnonzero(belongs & ~in_bag)
+            print(f"{FIVE[row].name}: lost {missing[:5]} of {len(missing)}, bag {min(numbers, default=-1)} to {last}")
         sent = published[last + 1 :][(published[last + 1 :] > 0) & (published[last + 1 :] < killed)]
         came_lost = max(came_lost, *(killed - came)) if len(came) else came_lost
+        handled = came[came < newest]
+        handled_lost = max(handled_lost, *(killed - handled)) if len(handled) else handled_lost
         sent_lost = max(sent_lost, *(killed - sent)) if len(sent) else sent_lost
         gaps += int((~in_bag[joined + 1 : last]).sum())
-    silence = killed - float(received[received < killed].max())
-    return Loss(sent_lost, came_lost, silence, gaps)
+    return Loss(float(sent_lost), float(came_lost), float(handled_lost), killed - newest, gaps)
 
 
 def kill_one(bag: Path, after: float, published: np.ndarray) -> Loss | None:
@@ -144,7 +152,7 @@ def measure(kills: int, seed: int) -> dict[str, Any]:
                 continue
             losses.append(loss)
             took = time.monotonic() - began
-            print(f"kill {len(losses)} ({took:.1f} s): {loss}")
+            print(f"kill {len(losses)} ({took:.1f} s, load {os.getloadavg()[0]:.0f}): {loss}", flush=True)
     finally:
         end(load)
     return summary(losses)
@@ -158,10 +166,10 @@ def end(process: int) -> None:
 
 def summary(losses: list[Loss]) -> dict[str, Any]:
     """Figures in ms."""
-    table = 1e3 * np.array([each[:3] for each in losses])  # (kills, 3)
+    table = 1e3 * np.array([each[:4] for each in losses])  # (kills, 4)
     figures: dict[str, Any] = {"kills": len(table), "readable_bags": len(table), "load_average": os.getloadavg()[0]}
     figures["not_delivered"] = sum(each.not_delivered for each in losses)
-    for name, column in zip(Loss._fields[:3], table.T, strict=True):
+    for name, column in zip(Loss._fields[:4], table.T, strict=True):
         figures[name] = {
             "median_ms": round(float(np.median(column)), 1),
             "p99_ms": round(float(np.quantile(column, 0.99)), 1),
