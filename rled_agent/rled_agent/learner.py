@@ -3,7 +3,9 @@
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from rled_agent.adam import Adam
@@ -58,13 +60,13 @@ class Metrics(NamedTuple):
         target: y, shape (b, 1).
     """
 
-    error: Tensor
-    target: Tensor
+    error: NDArray[np.floating]
+    target: NDArray[np.floating]
 
     @property
     def critic_loss(self) -> float:
         """Mean over the critics of J_c (Eq. 4.5)."""
-        return float(self.error.square().mean())
+        return float(np.square(self.error).mean())
 
     @property
     def q(self) -> float:
@@ -111,6 +113,7 @@ class Learner:
         self.updates = 0
         self._sizes = observation_size, action_size
         self._memory: dict[int, tuple[Inputs, Inputs]] = {}
+        self._no_graph = torch.inference_mode()
         inputs = observation_size + action_size
         self.actor = Network(observation_size, action_size, config.actor, generator, squash=True)
         self.critic = Network(inputs, 1, config.critic, generator, members=config.critics)
@@ -119,17 +122,16 @@ class Learner:
         self.actor_adam = Adam(self.actor.parameters, self.actor.gradients)
         self.critic_adam = Adam(self.critic.parameters, self.critic.gradients)
 
-    @torch.inference_mode()
     def update(self, batch: Batch) -> Metrics:
         """One gradient step of the critics and, every ``delay`` of them, of actor and targets."""
         before, after = self._inputs(len(batch))
-        pair, reward, terminated, following = batch.parts
-        before.critic.units.copy_(pair)
-        after.actor.units.copy_(following)
-        metrics = self._update_critic(self._target(reward, terminated, after), before)
-        if (self.updates + 1) % self.config.delay == 0:
-            self._update_actor(batch, before)
-            self._update_targets()
+        with self._no_graph:
+            before.critic.units.copy_(batch.pair)
+            after.actor.units.copy_(batch.next_observation)
+            metrics = self._update_critic(self._target(batch, after), before)
+            if (self.updates + 1) % self.config.delay == 0:
+                self._update_actor(batch, before)
+                self._update_targets()
         self.updates += 1
         return metrics
 
@@ -138,13 +140,13 @@ class Learner:
             self._memory[count] = Inputs(count, *self._sizes), Inputs(count, *self._sizes)
         return self._memory[count]
 
-    def _update_critic(self, target: Tensor, before: Inputs) -> Metrics:
-        error = self.critic.forward(before.critic) - target  # (e, b, 1)
-        self.critic.backward(error, 2.0 / target.shape[0])  # Eq. 4.5
+    def _update_critic(self, target: NDArray[np.floating], before: Inputs) -> Metrics:
+        error = self.critic.forward(before.critic).numpy() - target  # (e, b, 1)
+        self.critic.backward(torch.from_numpy(error * (2.0 / len(target))))  # Eq. 4.5
         self.critic_adam.step(self._rate(self.config.critic_rate))  # Eq. 4.6
         return Metrics(error, target)
 
-    def _target(self, reward: Tensor, terminated: Tensor, after: Inputs) -> Tensor:
+    def _target(self, batch: Batch, after: Inputs) -> NDArray[np.floating]:
         """Y = r + γ (1 − terminated) min_i Q'_i(s', ã) (Eq. 4.4), shape (b, 1)."""
         config = self.config
         self.target_actor.forward(after.actor, self.generator if config.target_dropout else None, after.action)
@@ -152,7 +154,7 @@ class Learner:
             noise = after.noise.normal_(0.0, config.target_noise, generator=self.generator)
             after.action.add_(noise.clamp_(-config.target_clip, config.target_clip)).clamp_(-1.0, 1.0)
         q = self.target_critic.forward(after.critic).amin(dim=0)  # (b, 1)
-        return torch.add(reward, q, alpha=config.gamma).lerp_(reward, terminated)
+        return torch.add(batch.reward, q, alpha=config.gamma).lerp_(batch.reward, batch.terminated).numpy()
 
     def _update_actor(self, batch: Batch, before: Inputs) -> None:
         self.actor.forward(before.actor, self.generator, before.action)
@@ -171,7 +173,7 @@ class Learner:
         rows = slice(len(batch) - batch.demonstrated, len(batch))
         error = action[rows] - batch.action[rows]
         if self.config.q_filter:
-            better = self._first_critic.forward(batch.parts[0][rows])[0] > q[rows]
+            better = self._first_critic.forward(batch.pair[rows])[0] > q[rows]
             error = error * better
         return error.mul_(2.0 * self.config.cloning_weight / batch.demonstrated)
 

@@ -147,13 +147,12 @@ class Network:
         return dropout_masks(shapes, self.architecture.dropout, generator)
 
     def backward(
-        self, gradient: Tensor | float, scale: float = 1.0, *, parameters: bool = True, inputs_from: int | None = None
+        self, gradient: Tensor | float, *, parameters: bool = True, inputs_from: int | None = None
     ) -> Tensor | None:
         """Propagate the gradient of a loss back through the last forward pass.
 
         Args:
             gradient: of the loss at the output, (e, b, outputs), or one number for all of it.
-            scale: factor of that gradient.
             parameters: write ``gradients``.
             inputs_from: also return the gradient at the inputs from this column on.
 
@@ -161,7 +160,7 @@ class Network:
             The gradient at the inputs, (e, b, inputs − inputs_from), or None.
         """
         tape = self._last
-        tape.start_backward(gradient, scale)
+        tape.start_backward(gradient)
         run(tape.backward if parameters else tape.backward_to_units)
         return None if inputs_from is None else tape.at_inputs(inputs_from)
 

@@ -30,35 +30,33 @@ class Batch:
         return self.rows.shape[0]
 
     @cached_property
-    def parts(self) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """(s, a) side by side, r, terminated, s': shapes (b, o + n), (b, 1), (b, 1), (b, o)."""
-        widths = (self.observation_size + self.action_size, 1, 1, self.observation_size)
-        pair, reward, terminated, following = self.rows.split_with_sizes(widths, dim=1)
-        return pair, reward, terminated, following
+    def pair(self) -> Tensor:
+        """(s, a) side by side, shape (b, o + n)."""
+        return self.rows[:, : self.observation_size + self.action_size]
 
-    @property
+    @cached_property
     def observation(self) -> Tensor:
         """S, shape (b, o)."""
         return self.rows[:, : self.observation_size]
 
-    @property
+    @cached_property
     def action(self) -> Tensor:
         """A, shape (b, n)."""
         return self.rows[:, self.observation_size : self.observation_size + self.action_size]
 
-    @property
+    @cached_property
     def reward(self) -> Tensor:
         """R, shape (b, 1)."""
         start = self.observation_size + self.action_size
         return self.rows[:, start : start + 1]
 
-    @property
+    @cached_property
     def terminated(self) -> Tensor:
         """1 where the task ended, so that no value follows, shape (b, 1); a truncated episode is 0 here."""
         start = self.observation_size + self.action_size + 1
         return self.rows[:, start : start + 1]
 
-    @property
+    @cached_property
     def next_observation(self) -> Tensor:
         """S', shape (b, o)."""
         return self.rows[:, -self.observation_size :]

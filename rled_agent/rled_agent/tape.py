@@ -64,13 +64,11 @@ class Tape:
             run(steps)
         return self.out
 
-    def start_backward(self, gradient: Tensor | float, scale: float) -> None:
-        """Bring the gradient at the output, times a factor, to where the first step expects it."""
+    def start_backward(self, gradient: Tensor | float) -> None:
+        """Bring the gradient at the output to where the first step expects it."""
         at_out = self.memory.gradients[-1]
         if isinstance(gradient, float):
-            gradient = at_out.fill_(gradient * scale)
-        elif scale != 1.0:
-            gradient = torch.mul(gradient, scale, out=at_out)
+            gradient = at_out.fill_(gradient)
         if self._squash:
             TANH_BACKWARD(gradient, self.out, grad_input=at_out)
         elif gradient is not at_out:
