@@ -105,6 +105,16 @@ class SocketVisitor:
             stop.set()
             holder.join()
 
+    def begin_flood(self, message: Any) -> None:
+        """Send one message as often as the network takes it, until closed."""
+
+        def pour() -> None:
+            with suppress(ConnectionClosed, OSError):
+                while True:
+                    self.send(message)
+
+        threading.Thread(target=pour, daemon=True).start()
+
     def close(self) -> None:
         self._socket.close()
         self._reading.join(5.0)

@@ -4,6 +4,7 @@ import io
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -74,8 +75,9 @@ def mesh_file(name: str) -> str:
     return str(next((folder / path for folder in folders if (folder / path).is_file()), path))
 
 
+@lru_cache(2)
 def load_robot(description: str) -> RobotModel:
-    """Read a URDF text with the meshes that it names.
+    """Read a URDF text with the meshes that it names; read before, it is at hand.
 
     Raises:
         ValueError: it is no URDF.

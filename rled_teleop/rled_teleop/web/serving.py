@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from rclpy.experimental import EventsExecutor
 from rled_msgs_py.processes import Children, program
+from rled_sim.robots import ROBOTS
 
 from rled_teleop.web.access import access_for
 from rled_teleop.web_params import WebParams
@@ -55,9 +56,10 @@ class PageThread:
             self._error = error
 
     def _serve(self, node: "TeleopWeb") -> None:
+        params = node.params
+        Thread(target=_prepare, args=(params.robot,), daemon=True).start()
         from rled_teleop.web.page import Page
 
-        params = node.params
         access = access_for(params.host, params.token)
         page = Page(params.host, params.port, access, node.watched, node.control, Path(params.output))
         print(f"page: {address(params)}", flush=True)
@@ -65,6 +67,14 @@ class PageThread:
             page.run(self._stop)
         finally:
             page.close()
+
+
+def _prepare(robot: str) -> None:
+    """Read the robot that is about to be shown while everything else starts; another one is read when it is there."""
+    from rled_teleop.web.robot import load_robot
+
+    if robot in ROBOTS:
+        load_robot(ROBOTS[robot].description)
 
 
 def address(params: WebParams) -> str:
