@@ -160,7 +160,7 @@ class Learner:
         self.actor.forward(before.actor, self.generator, before.action)
         q = self._first_critic.forward(before.critic)[0]  # (b, 1)
         size = float(q.abs().mean()) if self.config.cloning_weight else 1.0
-        ascent = -1.0 / (len(batch) * size)  # gradient of −J_a at each Q
+        ascent = -1.0 / (len(batch) * (size or 1.0))  # gradient of −J_a at each Q
         at_action = self._first_critic.backward(ascent, parameters=False, inputs_from=batch.observation_size)
         assert at_action is not None  # (1, b, n)
         if self.config.cloning_weight and batch.demonstrated:

@@ -124,6 +124,42 @@ def test_backward_without_parameters_leaves_their_gradients_alone():
     assert (network.gradients == 7.0).all()
 
 
+def test_one_number_as_gradient_stands_for_all_of_it():
+    network, x = make(), numbers(ROWS, 3)
+    network.forward(x)
+    network.backward(torch.full((2, ROWS, 2), -0.25))
+    expected = network.gradients.clone()
+    network.gradients.zero_()
+    network.backward(-0.25)
+    assert torch.equal(network.gradients, expected)
+
+
+@pytest.mark.parametrize("squash", [False, True])
+def test_output_goes_where_it_is_asked_to_and_the_way_back_starts_there(squash):
+    network, x, rows, weight = make(squash=squash), numbers(ROWS, 3), Rows.empty(1, ROWS, 3), numbers(2, ROWS, 2)
+    expected = network.forward(x).clone()
+    network.backward(weight)
+    gradients = network.gradients.clone()
+    rows.units.copy_(x)
+    wide = torch.zeros(2, ROWS, 5)
+    out = network.forward(rows, out=wide[..., 2:4])
+    assert torch.equal(out, expected)
+    assert torch.equal(wide[..., 2:4], expected)
+    assert not wide[..., :2].any()
+    network.gradients.zero_()
+    network.backward(weight)
+    assert torch.equal(network.gradients, gradients)
+
+
+def test_rows_of_units_and_weights_begin_with_a_cache_line_behind_a_one():
+    rows = Rows.empty(2, ROWS, 20)
+    assert (rows.memory.shape[2] * 4) % 64 == 0
+    assert rows.inputs.shape == (2, ROWS, 21)
+    assert (rows.inputs[..., 0] == 1.0).all()
+    assert (rows.units.storage_offset() - rows.memory.storage_offset()) * 4 == 64
+    assert make(hidden=(20, 3)).layers[0].block.stride(1) * 4 == 128
+
+
 def test_output_of_known_weights_is_the_one_worked_out_by_hand():
     network = Network(2, 1, Architecture(hidden=(2,)), generator())
     values = {"0.weight": [[1.0, -1.0], [2.0, 1.0]], "0.bias": [[0.5, -4.0]], "1.weight": [[3.0], [100.0]]}
