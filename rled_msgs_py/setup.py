@@ -19,5 +19,10 @@ setup(
     ],
     install_requires=["lz4", "matplotlib", "mcap", "numpy", "pyyaml", "rosbags", "zstandard"],
     zip_safe=False,
-    entry_points={"console_scripts": ["repair_bag = rled_msgs_py.repair_bag:main"]},
+    entry_points={
+        "console_scripts": [
+            "repair_bag = rled_msgs_py.repair_bag:main",
+            "security_policy = rled_msgs_py.security_policy:main",
+        ]
+    },
 )

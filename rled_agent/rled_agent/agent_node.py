@@ -16,6 +16,7 @@ from rclpy.node import Node
 from rled_msgs_py.command_output import CommandOutput
 from rled_msgs_py.convert import to_msg
 from rled_msgs_py.errors import RledError
+from rled_msgs_py.life import watch_life
 from rled_msgs_py.node import advertise, declare, run_node, spin, subscribe, subscribe_ticks
 from rled_msgs_py.records import Actor, DeltaCommand, GateCode, GateDecision, Text
 from rled_msgs_py.task import TaskDescription
@@ -92,6 +93,7 @@ class AgentNode(Node):
         ):
             subscribe(self, topic, hear, partial(self._refuse, topic))
         subscribe_ticks(self, self._on_tick)
+        self._life = watch_life(self, TASK_DESCRIPTION, self._on_life)
         self._serve()
         if self._params.learn:
             self._begin_learning()
@@ -146,6 +148,12 @@ class AgentNode(Node):
         self.get_logger().warning(f"{topic.name} refused: {error}", throttle_duration_sec=1.0)
         if time.monotonic() - self._reported > SOON:
             self._say_health()
+
+    def _on_life(self, simulations: int) -> None:
+        self._report.living(simulations)
+        if not simulations:
+            self.get_logger().warning("the simulation is gone; waiting for it")
+        self._say_health()
 
     def _on_tick(self, tick: Tick) -> None:
         received = time.monotonic()
@@ -240,14 +248,15 @@ class AgentNode(Node):
         return _say(response, True, "stopped until released" if request.data else "released")
 
     def _on_learn(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        before = self._apprentice
+        if before is not None and not (request.data and before.running):
+            Thread(target=before.close).start()  # it saves its state first, and control does not wait
+            self._apprentice = None
         if request.data and self._apprentice is None:
             try:
                 self._begin_learning()
             except RledError as error:
                 return _say(response, False, str(error))
-        elif not request.data and self._apprentice is not None:
-            Thread(target=self._apprentice.close).start()  # it saves its state first, and control does not wait
-            self._apprentice = None
         return _say(response, True, "learning" if request.data else "not learning")
 
     def _begin_learning(self) -> None:

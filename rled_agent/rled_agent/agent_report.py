@@ -20,6 +20,8 @@ class AgentReport:
         self._decisions: Counter[GateCode] = Counter()
         self._refused: Counter[str] = Counter()
         self._slowest, self._missed = 0.0, 0
+        self._alive: int | None = None
+        self._losses = 0
 
     def decided(self, code: GateCode) -> None:
         """Count a decision."""
@@ -34,11 +36,17 @@ class AgentReport:
         """Count a message that nothing came of."""
         self._refused[topic] += 1
 
+    def living(self, simulations: int) -> None:
+        """Note how many simulations live."""
+        self._losses += simulations == 0 and self._alive is not None
+        self._alive = simulations
+
     def health(self, now: int, enabled: bool, arbiter: Arbiter | None, apprentice: Apprentice | None) -> Health:
         """The report since the last one; ``now`` is wall time (ns)."""
         values = {f"decisions_{code.name.lower()}": str(self._decisions[code]) for code in GateCode}
         values |= {f"refused {name}": str(count) for name, count in self._refused.items()}
         values |= {"slowest_answer_ms": f"{self._slowest * 1e3:.3f}", "deadlines_missed": str(self._missed)}
+        values["simulation_lost"] = str(self._losses)
         self._slowest = 0.0
         level, message = Level.OK, "driving" if enabled else "disabled"
         if apprentice is not None:
@@ -47,6 +55,8 @@ class AgentReport:
                 level, message = Level.ERROR, "the learning process has ended; call ~/learn again"
         if arbiter is None:
             level, message = Level.WARN, "no task_description and robot_description yet"
+        elif self._alive == 0:
+            level, message = Level.WARN, "the simulation is gone; waiting for it"
         elif arbiter.stopped:
             level, message = Level.ERROR, "emergency stop"
         return Health(now, level, "agent_node: policy", message, values)

@@ -16,7 +16,7 @@ class Report:
     def __init__(self) -> None:
         self._commands: Counter[Code] = Counter()
         self._code, self._text = Code.ACCEPTED, ""
-        self._ticks = 0
+        self._ticks = self._late = 0
         self._contacts: set[Contact] = set()
         self._last = (0, 0, 0)
 
@@ -24,6 +24,10 @@ class Report:
         """Count a tick, and what the robot touched in it."""
         self._ticks += 1
         self._contacts.update(contacts)
+
+    def late(self, count: int) -> None:
+        """Count periods that brought no state within twice their length, in real time."""
+        self._late += count
 
     def accepted(self) -> None:
         """Count a command that was taken; one that a limit then forbids is counted as refused besides."""
@@ -53,6 +57,7 @@ class Report:
             "text": self._text,
             "ticks": str(self._ticks),
             "ticks_per_second": f"{(self._ticks - ticks) * 1e9 / (now - then) if now > then else 0.0:.1f}",
+            "deadlines_missed": str(self._late),
             "stamp": str(driver.stamp),
             "episode": str(driver.number),
             "contacts": ", ".join(f"{link} with {other}" for link, other in contacts),

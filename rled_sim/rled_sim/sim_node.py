@@ -11,6 +11,7 @@ from rclpy.parameter import Parameter
 from rclpy.time import Time
 from rled_msgs_py.convert import to_msg
 from rled_msgs_py.errors import ContractError, RledError
+from rled_msgs_py.life import advertise_in_time, offer_life
 from rled_msgs_py.node import advertise, declare, run_node, spin, subscribe
 from rled_msgs_py.records import DeltaCommand, Record, Text
 from rled_msgs_py.tick import STATE_TOPICS, Tick
@@ -22,6 +23,7 @@ from rled_msgs_py.topics import (
     MARKERS,
     ROBOT_DESCRIPTION,
     TASK_DESCRIPTION,
+    Topic,
 )
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import SetBool, Trigger
@@ -56,7 +58,7 @@ class SimNode(Node):
         )
         self._seed: int | None = None  # set since the last reset, be it to the same value
         self.add_post_set_parameters_callback(self._on_set)
-        self._outputs = [advertise(self, topic) for topic in STATE_TOPICS]
+        self._outputs = [self._advertise_state(topic, params) for topic in STATE_TOPICS]
         self._clock_output, self._marker_output = advertise(self, CLOCK_TOPIC), advertise(self, MARKERS)
         self._health_output = advertise(self, DIAGNOSTICS)
         self._descriptions = self._describe(params)
@@ -65,12 +67,21 @@ class SimNode(Node):
         self._driver.begin()
         subscribe(self, JOINT_DELTA, self._on_delta, self._on_unreadable)
 
+    def _advertise_state(self, topic: Topic, params: SimParams) -> Any:
+        if topic is JOINT_STATES and params.mode == "real_time":
+            return advertise_in_time(self, topic, 2.0 * params.period, self._on_late)
+        return advertise(self, topic)
+
+    def _on_late(self, count: int) -> None:
+        if not self._driver.paused:
+            self._report.late(count)
+
     def _describe(self, params: SimParams) -> list[Any]:
         texts = {
             ROBOT_DESCRIPTION: robot_named(params.robot).description,
             TASK_DESCRIPTION: self._simulation.task.description.to_json(),
         }
-        outputs = {topic: advertise(self, topic) for topic in texts}
+        outputs = {topic: offer_life(self, topic) for topic in texts}
         for topic, text in texts.items():
             outputs[topic].publish(to_msg(Text(text)))
         return list(outputs.values())

@@ -20,11 +20,11 @@ DEEP = 100_000
 
 
 class Observer:
-    """Hears everything that the simulation and the agent say."""
+    """Hears everything that the simulation and the agent of one namespace say."""
 
-    def __init__(self) -> None:
+    def __init__(self, namespace: str = "") -> None:
         self.context = fresh_context()
-        self.node = Node("observer", context=self.context)
+        self.node = Node("observer", context=self.context, namespace=namespace)
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
         self.ticks: list[Tick] = []

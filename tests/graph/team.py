@@ -26,7 +26,7 @@ from rled_msgs_py.topics import DIAGNOSTICS, JOINT_STATES, Qos
 from ..conftest import free_domain
 
 DEMONSTRATION = Path(__file__).parents[2] / "bags" / "planar_lemniscate"
-PATIENCE = 60.0
+PATIENCE = 120.0
 AGENT = "agent_node: policy"
 
 

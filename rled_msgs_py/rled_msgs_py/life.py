@@ -1,0 +1,66 @@
+"""Events of the quality of service: whether another node lives, and whether a topic keeps its pace.
+
+Who offers a lease or a deadline still matches every reader that asks for none: tools, and nodes older than this.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.duration import Duration
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.subscription import Subscription
+
+from rled_msgs_py.convert import MESSAGE_CLASSES, qos_profile
+from rled_msgs_py.topics import Topic
+
+LEASE = 1.0
+"""Seconds after which a node of which the network brings no sign of life counts as gone."""
+
+
+def offer_life(node: Node, topic: Topic) -> Publisher:
+    """A publisher whose node can be watched with ``watch_life``; the middleware gives the signs of life by itself."""
+    return node.create_publisher(MESSAGE_CLASSES[topic.type], topic.name, _leased(topic))
+
+
+def watch_life(node: Node, topic: Topic, changed: Callable[[int], None]) -> Subscription:
+    """Call ``changed`` with the number of publishers that live, when it changes.
+
+    This reader is one of its own beside the one that takes the messages, since it does not match a publisher that
+    offers no lease: a replayed bag.
+    """
+
+    def on_change(status: Any) -> None:
+        changed(status.alive_count)
+
+    events = SubscriptionEventCallbacks(liveliness=on_change, incompatible_qos=lambda status: None)
+    kind = MESSAGE_CLASSES[topic.type]
+    return node.create_subscription(
+        kind, topic.name, lambda data: None, _leased(topic), raw=True, event_callbacks=events
+    )
+
+
+def _leased(topic: Topic) -> Any:
+    profile = qos_profile(topic.qos)
+    profile.liveliness_lease_duration = Duration(seconds=LEASE)
+    return profile
+
+
+def advertise_in_time(node: Node, topic: Topic, deadline: float, missed: Callable[[int], None]) -> Publisher:
+    """A publisher that promises a message every ``deadline`` seconds, and counts where it broke the promise.
+
+    Args:
+        node: the node.
+        topic: the topic.
+        deadline: longest time between two messages (s).
+        missed: called with the number of deadlines missed since its last call.
+    """
+
+    def on_miss(status: Any) -> None:
+        missed(status.total_count_change)
+
+    profile = qos_profile(topic.qos)
+    profile.deadline = Duration(seconds=deadline)
+    events = PublisherEventCallbacks(deadline=on_miss)
+    return node.create_publisher(MESSAGE_CLASSES[topic.type], topic.name, profile, event_callbacks=events)
