@@ -14,9 +14,9 @@ from rclpy.clock import Clock, ClockType
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rled_msgs_py.command_output import CommandOutput
-from rled_msgs_py.convert import to_msg
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.life import watch_life
+from rled_msgs_py.messages import encode
 from rled_msgs_py.node import advertise, declare, run_node, spin, subscribe, subscribe_ticks
 from rled_msgs_py.records import Actor, DeltaCommand, GateCode, GateDecision, Text
 from rled_msgs_py.task import TaskDescription
@@ -218,7 +218,7 @@ class AgentNode(Node):
             waiting.tick.stamp, outcome.level, outcome.actor, outcome.reason, *measured,
             episode=status.episode, step=status.step, code=outcome.code,
         )  # fmt: skip
-        self._gate.publish(to_msg(decision))
+        self._gate.publish(encode(SAFETY_GATE, decision))
 
     def _learn_from(self, tick: Tick, observation: NDArray[np.float64]) -> None:
         """Offer the transition that this tick ends, and take newer weights."""
@@ -284,7 +284,7 @@ class AgentNode(Node):
         self._reported = time.monotonic()
         now = self.get_clock().now().nanoseconds
         health = self._report.health(now, self._enabled, self._arbiter, self._apprentice)
-        self._diagnostics.publish(to_msg(health))
+        self._diagnostics.publish(encode(DIAGNOSTICS, health))
 
     def destroy_node(self) -> None:
         """End the learning process, which saves its state, with the node."""

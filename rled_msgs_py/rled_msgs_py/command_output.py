@@ -5,7 +5,8 @@ from typing import Any
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 
-from rled_msgs_py.convert import MESSAGE_CLASSES, qos_profile, to_msg
+from rled_msgs_py.convert import MESSAGE_CLASSES, qos_profile
+from rled_msgs_py.messages import encode
 from rled_msgs_py.records import DeltaCommand
 from rled_msgs_py.topics import JOINT_DELTA, Topic
 
@@ -22,14 +23,15 @@ class CommandOutput:
     """
 
     def __init__(self, node: Node, topic: Topic = JOINT_DELTA) -> None:
-        self._waiting: Any = None
+        self._topic = topic
+        self._waiting: bytes | None = None
         matched = PublisherEventCallbacks(matched=self._on_matched)
         kind, qos = MESSAGE_CLASSES[topic.type], qos_profile(topic.qos)
         self.publisher = node.create_publisher(kind, topic.name, qos, event_callbacks=matched)
 
     def publish(self, command: DeltaCommand) -> None:
         """Publish a command, which then waits for its tick."""
-        self._waiting = to_msg(command)
+        self._waiting = encode(self._topic, command)
         self.publisher.publish(self._waiting)
 
     def withdraw(self) -> None:

@@ -1,36 +1,19 @@
-"""Records to rclpy messages and back: the one module of the contract that imports ROS."""
+"""The contract in rclpy's terms: message classes and quality of service."""
 
-from array import array
 from typing import Any
 
-from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
+from rclpy.serialization import deserialize_message, serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Header, String
+from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
 from rled_msgs_py import topics
-from rled_msgs_py.messages import FROM_MSG, TO_MSG, MessageTypes
+from rled_msgs_py.messages import TYPES, decode, encode
 from rled_msgs_py.records import Record
-
-ROS = MessageTypes(
-    Time=Time,
-    Header=Header,
-    JointState=JointState,
-    Point=Point,
-    Quaternion=Quaternion,
-    Pose=Pose,
-    PoseStamped=PoseStamped,
-    KeyValue=KeyValue,
-    DiagnosticStatus=DiagnosticStatus,
-    DiagnosticArray=DiagnosticArray,
-    String=String,
-    array=lambda vector: array("d", vector.tobytes()),
-    octet=lambda value: bytes((value,)),
-)
 
 MESSAGE_CLASSES = {
     topics.JOINT_STATE: JointState,
@@ -43,17 +26,19 @@ MESSAGE_CLASSES = {
 
 
 def to_msg(record: Record) -> Any:
-    """The rclpy message of a record."""
-    return TO_MSG[type(record)](record, ROS)
+    """The rclpy message of a record, for who wants to look at its fields or change them; nodes publish bytes."""
+    kind = TYPES[type(record)]
+    data = encode(topics.Topic("", kind, topics.Qos(depth=1)), record)
+    return deserialize_message(data, MESSAGE_CLASSES[kind])
 
 
 def from_msg(topic: topics.Topic, msg: Any) -> Record:
-    """The record of a message received on ``topic``.
+    """The record of an rclpy message.
 
     Raises:
         ContractError: a wrong size, bad names, NaN or infinity.
     """
-    return FROM_MSG[topic.name](msg)
+    return decode(topic, serialize_message(msg))
 
 
 def qos_profile(qos: topics.Qos) -> QoSProfile:

@@ -25,8 +25,9 @@ from rclpy.publisher import Publisher
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 
-from rled_msgs_py.convert import MESSAGE_CLASSES, from_msg, qos_profile
+from rled_msgs_py.convert import MESSAGE_CLASSES, qos_profile
 from rled_msgs_py.errors import ContractError, RledError, command_line
+from rled_msgs_py.messages import decode
 from rled_msgs_py.params import Spec, build, parameters_of, parse_command_line
 from rled_msgs_py.stopping import stop_requested
 from rled_msgs_py.tick import STATE_TOPICS, StateRecord, Tick, TickAssembler
@@ -53,15 +54,16 @@ def subscribe(
     def warn(error: ContractError) -> None:
         node.get_logger().warning(f"{topic.name}: {error}", throttle_duration_sec=1.0)
 
-    def received(msg: Any) -> None:
+    def received(data: bytes) -> None:
         try:
-            record = from_msg(topic, msg)
+            record = decode(topic, data)
         except ContractError as error:
             (refused or warn)(error)
             return
         callback(record)
 
-    return node.create_subscription(MESSAGE_CLASSES[topic.type], topic.name, received, qos_profile(topic.qos))
+    kind, qos = MESSAGE_CLASSES[topic.type], qos_profile(topic.qos)
+    return node.create_subscription(kind, topic.name, received, qos, raw=True)
 
 
 def subscribe_ticks(node: Node, callback: Callable[[Tick], None], depth: int | None = None) -> None:

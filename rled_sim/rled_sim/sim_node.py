@@ -9,9 +9,9 @@ from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.time import Time
-from rled_msgs_py.convert import to_msg
 from rled_msgs_py.errors import ContractError, RledError
 from rled_msgs_py.life import advertise_in_time, offer_life
+from rled_msgs_py.messages import encode
 from rled_msgs_py.node import advertise, declare, run_node, spin, subscribe
 from rled_msgs_py.records import DeltaCommand, Record, Text
 from rled_msgs_py.tick import STATE_TOPICS, Tick
@@ -83,7 +83,7 @@ class SimNode(Node):
         }
         outputs = {topic: offer_life(self, topic) for topic in texts}
         for topic, text in texts.items():
-            outputs[topic].publish(to_msg(Text(text)))
+            outputs[topic].publish(encode(topic, Text(text)))
         return list(outputs.values())
 
     def _serve(self) -> None:
@@ -102,8 +102,8 @@ class SimNode(Node):
     def _publish(self, tick: Tick) -> None:
         self._clock_output.publish(ClockMessage(clock=Time(nanoseconds=tick.stamp).to_msg()))
         records: tuple[Record, ...] = tick
-        for output, record in zip(self._outputs, records, strict=True):
-            output.publish(to_msg(record))
+        for topic, output, record in zip(STATE_TOPICS, self._outputs, records, strict=True):
+            output.publish(encode(topic, record))
         self._view.add(tick)
         self._report.tick(self._simulation.world.contacts() if self._simulation.world.physical else ())
         if self._simulation.refused is not None:
@@ -157,7 +157,8 @@ class SimNode(Node):
 
     def _report_health(self) -> None:
         now = self.get_clock().now().nanoseconds
-        self._health_output.publish(to_msg(self._report.health(now, self._driver, _simulations(self))))
+        health = self._report.health(now, self._driver, _simulations(self))
+        self._health_output.publish(encode(DIAGNOSTICS, health))
 
     def _draw(self) -> None:
         if self._marker_output.get_subscription_count():

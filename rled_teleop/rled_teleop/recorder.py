@@ -10,10 +10,10 @@ from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rled_msgs_py.bags import BagError, BagWriter
-from rled_msgs_py.bags.codec import decode, encode
 from rled_msgs_py.bags.header import sim_stamp
-from rled_msgs_py.convert import MESSAGE_CLASSES, qos_profile, to_msg
+from rled_msgs_py.convert import MESSAGE_CLASSES, qos_profile
 from rled_msgs_py.errors import ContractError
+from rled_msgs_py.messages import decode, encode
 from rled_msgs_py.node import advertise, declare
 from rled_msgs_py.records import Health, Level, Text
 from rled_msgs_py.task import TaskDescription
@@ -189,15 +189,16 @@ class Recorder(Node):
     def _health(self, level: Level, message: str) -> None:
         values = {"episode": str(self._episodes.number), "messages": str(self._filing.kept)}
         now = self.get_clock().now().nanoseconds
-        self._reports.publish(to_msg(Health(now, level, "record_demos: bag", message, values)))
+        self._reports.publish(encode(DIAGNOSTICS, Health(now, level, "record_demos: bag", message, values)))
 
     def _now(self) -> int:
         return max(self._recent.stamps((*STATE_TOPICS, JOINT_DELTA)))
 
     def _tell(self, event: str) -> None:
         """Record an event beside the messages of its time, and tell everybody."""
-        self._filing.take(EPISODE_EVENTS, encode(EPISODE_EVENTS, Text(event)))
-        self._events.publish(to_msg(Text(event)))
+        data = encode(EPISODE_EVENTS, Text(event))
+        self._filing.take(EPISODE_EVENTS, data)
+        self._events.publish(data)
 
     def _on_record(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         def begin_or_end() -> list[str]:

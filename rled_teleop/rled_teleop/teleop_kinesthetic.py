@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from rclpy.node import Node
 from rled_msgs_py.convert import MESSAGE_CLASSES, qos_profile
 from rled_msgs_py.errors import RledError
-from rled_msgs_py.messages import joint_sample_from_msg
+from rled_msgs_py.messages import decode
 from rled_msgs_py.node import declare, run_node
 from rled_msgs_py.params import param
 from rled_msgs_py.records import JointSample
-from rled_msgs_py.topics import JOINT_STATE, Qos
+from rled_msgs_py.topics import JOINT_STATE, JOINT_STATES, Qos
 
 from rled_teleop.demonstration import demonstrated_action
 from rled_teleop.driving import Driving, DrivingParams
@@ -77,7 +77,7 @@ class TeleopKinesthetic(Node):
         self._follower: Follower | None = None
         self._driving = Driving(self, self._params.beside_agent, self._steer)
         message, qos = MESSAGE_CLASSES[JOINT_STATE], qos_profile(DEVICE_QOS)
-        self.create_subscription(message, self._params.device_topic, self._on_device, qos)
+        self.create_subscription(message, self._params.device_topic, self._on_device, qos, raw=True)
         self._driving.start_timer(self._driving.look)
 
     def _steer(self, jog: Jog, q: NDArray[np.float64]) -> NDArray[np.float64] | None:
@@ -89,12 +89,14 @@ class TeleopKinesthetic(Node):
             self._follower = Follower(mapping, self._params.speed, self._params.timeout)
         return self._follower
 
-    def _on_device(self, msg: Any) -> None:
+    def _on_device(self, data: bytes) -> None:
         if self._driving.jog is None:
             return
         follower = self._follower_of(self._driving.jog)
         try:
-            follower.take(joint_sample_from_msg(msg), time.monotonic())
+            sample = decode(JOINT_STATES, data)
+            assert isinstance(sample, JointSample)
+            follower.take(sample, time.monotonic())
         except RledError as error:
             self.get_logger().error(f"{self._params.device_topic}: {error}", throttle_duration_sec=1.0)
 

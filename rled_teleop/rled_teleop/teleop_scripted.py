@@ -8,7 +8,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rled_msgs_py.command_output import CommandOutput
-from rled_msgs_py.convert import to_msg
+from rled_msgs_py.messages import encode
 from rled_msgs_py.node import advertise, declare, run_node, subscribe, subscribe_ticks
 from rled_msgs_py.params import param
 from rled_msgs_py.records import Text
@@ -93,8 +93,8 @@ class TeleopScripted(Node):
         tick, self._tick = self._tick, None
         answer = self._operator.answer(tick)
         if answer.mark:
-            self._marked_joints.publish(to_msg(tick.joints))
-            self._marked_pose.publish(to_msg(tick.ee))
+            self._marked_joints.publish(encode(MARKED_JOINT_STATES, tick.joints))
+            self._marked_pose.publish(encode(MARKED_EE_POSE, tick.ee))
         if answer.delta is not None:
             self._delta.publish(answer.delta)
         self._report(self._operator)

@@ -9,8 +9,8 @@ from statistics import median
 import numpy as np
 import pytest
 from rled_msgs_py.bags import Bag, BagWriter
-from rled_msgs_py.bags.codec import encode
 from rled_msgs_py.bags.header import moved
+from rled_msgs_py.messages import encode
 from rled_msgs_py.records import JointSample
 from rled_msgs_py.topics import JOINT_STATES
 from rosbags.highlevel import AnyReader

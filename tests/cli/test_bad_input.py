@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from rled_agent.demonstrations import open_demonstrations
 from rled_msgs_py.bags import Bag, BagWriter, review
-from rled_msgs_py.bags.codec import decode, encode
 from rled_msgs_py.bags.header import moved, sim_stamp
 from rled_msgs_py.bags.stream import Message
 from rled_msgs_py.errors import RledError
+from rled_msgs_py.messages import decode, encode
 from rled_msgs_py.records import JointSample
 from rled_msgs_py.topics import EE_POSE, JOINT_STATES
 from rosbags.rosbag2 import StoragePlugin

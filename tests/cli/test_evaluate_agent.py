@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rled_agent.evaluation import Score
 from rled_agent.architecture import Architecture
+from rled_agent.evaluation import Score
 from rled_agent.policy import Policy, load_policy
 from rled_sim.robots import ROBOTS
 from rled_sim.tasks import reach_task

@@ -87,7 +87,9 @@ def in_bag(path: Path) -> dict[str, list[bytes]]:
 
 
 def test_a_bag_arrives_as_it_was_recorded(planar_bag: Path, listener: Listener) -> None:
-    with closing(Process("rled_teleop", "replay_demos", str(planar_bag), "--rate", "20", "--wait-for-subscribers", "1")) as player:
+    with closing(
+        Process("rled_teleop", "replay_demos", str(planar_bag), "--rate", "20", "--wait-for-subscribers", "1")
+    ) as player:
         listener.await_that(lambda: player.process.poll() is not None, "the end")
         code, out, err = player.end()
     assert code == 0, err

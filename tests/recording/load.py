@@ -9,8 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 import rclpy
-from rled_msgs_py.bags.codec import encode
 from rled_msgs_py.convert import MESSAGE_CLASSES, qos_profile, to_msg
+from rled_msgs_py.messages import encode
 from rled_msgs_py.node import advertise
 from rled_msgs_py.records import DeltaCommand, JointSample, PoseSample, TaskStatus, Text
 from rled_msgs_py.topics import (

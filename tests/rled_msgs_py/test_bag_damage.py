@@ -252,7 +252,7 @@ import resource, sys
 from pathlib import Path
 from tests.rled_msgs_py.samples import recording
 from rled_msgs_py.bags import BagWriter
-from rled_msgs_py.bags.codec import encode
+from rled_msgs_py.messages import encode
 from rled_msgs_py.errors import command_line
 
 @command_line

@@ -12,9 +12,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
-from rled_msgs_py.bags import Bag, BagError, BagWriter, codec, repair
+from rled_msgs_py.bags import Bag, BagError, BagWriter, repair
 from rled_msgs_py.bags.header import stamp_of
 from rled_msgs_py.bags.mcap_output import Output
+from rled_msgs_py.messages import encode
 from rled_msgs_py.topics import JOINT_STATES, RECORDED
 from rosbags.rosbag2 import Reader
 
@@ -26,7 +27,7 @@ from itertools import count
 from pathlib import Path
 from tests.rled_msgs_py.samples import tick
 from rled_msgs_py.bags import BagWriter, mcap_writer
-from rled_msgs_py.bags.codec import encode
+from rled_msgs_py.messages import encode
 
 mcap_writer.CHUNK_BYTES = 4096
 writer = BagWriter(Path(sys.argv[1]), metadata={"seed": "7"})
@@ -50,7 +51,7 @@ def assert_begins_the_recording(bag, count):
         mine = [record for name, record in expected if name == topic]
         assert bag.counts[topic.name] == len(mine)
         assert all(map(same, bag.records(topic), mine))
-    contents = [("/" + topic.name, codec.encode(topic, record)) for topic, record in expected]
+    contents = [("/" + topic.name, encode(topic, record)) for topic, record in expected]
     with (bag.path / f"{bag.path.name}_0.mcap").open("rb") as file:
         messages = make_reader(file, validate_crcs=True).iter_messages()
         assert [(each.topic, message.data) for _, each, message in messages] == contents
@@ -105,7 +106,7 @@ def record_until_broken(path, at, said):
         Broken(patch, at)
         writer, held = BagWriter(path), []
         for topic, record in recording(12):
-            data, stamp = codec.encode(topic, record), getattr(record, "stamp", 0)
+            data, stamp = encode(topic, record), getattr(record, "stamp", 0)
             held.append((topic, data, stamp, writer.keep(topic, data, stamp)))
             os.write(said, b".")
             if len(held) == 9:
@@ -148,7 +149,7 @@ def leave_unfinished(path, entries, are_filed=False):
         if are_filed:
             writer.write(topic, record)
         else:
-            writer.keep(topic, codec.encode(topic, record), getattr(record, "stamp", 0))
+            writer.keep(topic, encode(topic, record), getattr(record, "stamp", 0))
     writer.flush()
     return path / "bag_0.mcap.journal"
 
@@ -264,12 +265,10 @@ def test_a_repair_that_is_killed_loses_nothing(unfinished, tmp_path):
 
 def test_what_is_forgotten_is_in_no_journal_after_the_next_chunk(tmp_path):
     writer = BagWriter(tmp_path / "bag")
-    numbers = [
-        writer.keep(topic, codec.encode(topic, record), getattr(record, "stamp", 0)) for topic, record in recording(4)
-    ]
+    numbers = [writer.keep(topic, encode(topic, record), getattr(record, "stamp", 0)) for topic, record in recording(4)]
     writer.forget(numbers[-1])
     topic, record = recording(4)[0]
-    writer.write_cdr(topic, codec.encode(topic, record), 0, number=numbers[0])
+    writer.write_cdr(topic, encode(topic, record), 0, number=numbers[0])
     writer.flush()
     del writer
     assert repair(tmp_path / "bag").messages == 21

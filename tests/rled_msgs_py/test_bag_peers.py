@@ -11,7 +11,7 @@ import yaml
 from mcap.reader import NonSeekingReader, make_reader
 from mcap.writer import CompressionType, IndexType
 from mcap.writer import Writer as McapLibraryWriter
-from rled_msgs_py.bags import Bag, BagError, BagWriter, codec, repair
+from rled_msgs_py.bags import Bag, BagError, BagWriter, definitions, repair
 from rled_msgs_py.bags.writer import describe
 from rled_msgs_py.records import Text
 from rled_msgs_py.topics import (
@@ -31,6 +31,8 @@ from rosbags.interfaces import QosDurability, QosHistory, QosReliability
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
+from rled_msgs_py import messages
+
 from .samples import PERIOD, TASK, URDF, descriptions, recording, same, tick, write_bag
 
 TOPICS = {topic.name: topic for topic in RECORDED}
@@ -42,7 +44,7 @@ def path(tmp_path_factory):
 
 
 def written():
-    return [("/" + topic.name, codec.encode(topic, record)) for topic, record in recording(30)]
+    return [("/" + topic.name, messages.encode(topic, record)) for topic, record in recording(30)]
 
 
 @pytest.mark.parametrize("kind", [make_reader, NonSeekingReader])
@@ -170,7 +172,7 @@ def test_channels_carry_quality_of_service_and_type_hash(path):
     with (path / "demo_0.mcap").open("rb") as file:
         channels = make_reader(file).get_summary().channels.values()
     (channel,) = [channel for channel in channels if channel.topic == "/joint_delta"]
-    assert channel.metadata["topic_type_hash"] == codec.definition(JOINT_DELTA.type).hash
+    assert channel.metadata["topic_type_hash"] == definitions.definition(JOINT_DELTA.type).hash
     (profile,) = yaml.safe_load(channel.metadata["offered_qos_profiles"])
     assert (profile["depth"], profile["durability"]) == (1, "volatile")
 
@@ -188,7 +190,7 @@ TYPES = sorted({topic.type for topic in (*RECORDED, CLOCK_TOPIC, MARKERS, DIAGNO
 def test_type_hashes_are_those_of_ros(type_name):
     hashes = json.loads(shared_file(f"{type_name}.json").read_text())["type_hashes"]
     known = {each["type_name"]: each["hash_string"] for each in hashes}
-    assert codec.definition(type_name).hash == known[type_name]
+    assert definitions.definition(type_name).hash == known[type_name]
 
 
 @pytest.mark.parametrize("type_name", TYPES)
@@ -200,8 +202,10 @@ def test_definitions_with_the_comments_of_ros_are_the_same_definitions(type_name
         text = shared_file(f"{each['type_name']}.msg").read_text()
         parts.append(f"{'=' * 80}\nMSG: {package}/{name}\n{text}")
     text = "\n".join(parts)
-    assert codec.defines(text, type_name)
-    assert not codec.defines(text.replace("int32 sec", "int64 sec").replace("string data", "int32 data"), type_name)
+    assert definitions.defines(text, type_name)
+    assert not definitions.defines(
+        text.replace("int32 sec", "int64 sec").replace("string data", "int32 data"), type_name
+    )
 
 
 def write_with_rosbags(folder, entries, mode=CompressionMode.NONE, plugin=StoragePlugin.MCAP, prefix="/"):
@@ -215,7 +219,7 @@ def write_with_rosbags(folder, entries, mode=CompressionMode.NONE, plugin=Storag
             name = topic.name if topic.name.startswith("/") else prefix + topic.name
             if name not in connections:
                 connections[name] = writer.add_connection(name, topic.type, typestore=store)
-            writer.write(connections[name], 1_700_000_000_000_000_000 + number, codec.encode(topic, record))
+            writer.write(connections[name], 1_700_000_000_000_000_000 + number, messages.encode(topic, record))
     return folder
 
 
@@ -280,7 +284,7 @@ def test_a_bag_of_two_robots_is_refused_naming_them(tmp_path):
     with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         for name in ("/left/task_description", "/right/task_description"):
             connection = writer.add_connection(name, TASK_DESCRIPTION.type, typestore=store)
-            writer.write(connection, 0, codec.encode(TASK_DESCRIPTION, Text(TASK.to_json())))
+            writer.write(connection, 0, messages.encode(TASK_DESCRIPTION, Text(TASK.to_json())))
     with pytest.raises(BagError, match="several robots: /left/task_description, /right/task_description"):
         Bag(tmp_path / "bag")
 
@@ -315,7 +319,7 @@ def write_with_mcap(path, entries, **options):
                 schemas[topic.type] = writer.register_schema(topic.type, "ros2msg", described.definition.encode())
             if topic not in channels:
                 channels[topic] = writer.register_channel(described.name, "cdr", schemas[topic.type])
-            writer.add_message(channels[topic], number, codec.encode(topic, record), number)
+            writer.add_message(channels[topic], number, messages.encode(topic, record), number)
         writer.finish()
     return path
 
@@ -341,7 +345,7 @@ def test_messages_out_of_order_are_read_in_log_order(tmp_path):
         schema = writer.register_schema(JOINT_STATES.type, "ros2msg", describe(JOINT_STATES).definition.encode())
         channel = writer.register_channel("/joint_states", "cdr", schema)
         for topic, record in (tick(k)[0] for k in (2, 0, 1)):
-            writer.add_message(channel, record.stamp, codec.encode(topic, record), 0)
+            writer.add_message(channel, record.stamp, messages.encode(topic, record), 0)
         writer.finish()
     bag = Bag(tmp_path / "a.mcap")
     assert [record.stamp for record in bag.records(JOINT_STATES)] == [0, PERIOD, 2 * PERIOD]

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from rled_msgs_py.bags import Bag, BagError, BagWriter
-from rled_msgs_py.bags.codec import encode
 from rled_msgs_py.errors import ContractError
+from rled_msgs_py.messages import encode
 from rled_msgs_py.records import PoseSample, Text
 from rled_msgs_py.topics import (
     EE_POSE,

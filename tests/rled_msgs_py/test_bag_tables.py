@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rled_msgs_py.bags import Bag, BagError, BagWriter, codec
+from rled_msgs_py.bags import Bag, BagError, BagWriter
 from rled_msgs_py.errors import ContractError
 from rled_msgs_py.records import DeltaCommand, JointSample, PoseSample
 from rled_msgs_py.topics import EE_POSE, JOINT_DELTA, JOINT_STATES
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
-from rled_msgs_py import topics
+from rled_msgs_py import messages, topics
 
 from .samples import FINITE, NAMES, PERIOD, STAMPS, orientations, tick, vectors, write_bag
 
@@ -21,7 +21,7 @@ from .samples import FINITE, NAMES, PERIOD, STAMPS, orientations, tick, vectors,
 def write(path, topic, records):
     with BagWriter(path) as writer:
         for number, record in enumerate(records):
-            data = record if isinstance(record, bytes) else codec.encode(topic, record)
+            data = record if isinstance(record, bytes) else messages.encode(topic, record)
             writer.write_cdr(topic, data, number)
             if number % 7 == 6:
                 writer.flush()
@@ -96,14 +96,16 @@ ODD = {
     "an effort": lambda record: message(record, effort=np.ones(2)),
     "a frame": lambda record: message(record, frame="base"),
     "big endian": lambda record: message(record, little_endian=False),
-    "bytes after it": lambda record: codec.encode(JOINT_STATES, record) + bytes(8),
-    "padding that is not zero": lambda record: codec.encode(JOINT_STATES, record).replace(b"\0\0\0\0\2", b"\0abc\2", 1),
+    "bytes after it": lambda record: messages.encode(JOINT_STATES, record) + bytes(8),
+    "padding that is not zero": lambda record: messages.encode(JOINT_STATES, record).replace(
+        b"\0\0\0\0\2", b"\0abc\2", 1
+    ),
 }
 
 
 def message(record, frame="", little_endian=True, **fields):
     store = get_typestore(Stores.ROS2_JAZZY)
-    found = store.deserialize_cdr(codec.encode(JOINT_STATES, record), JOINT_STATES.type)
+    found = store.deserialize_cdr(messages.encode(JOINT_STATES, record), JOINT_STATES.type)
     found.header.frame_id = frame
     for name, value in fields.items():
         setattr(found, name, value)
@@ -154,7 +156,7 @@ def test_another_frame_midway_is_refused_naming_the_message(tmp_path):
 
 
 def spoiled(topic, record, value, by):
-    data = codec.encode(topic, record)
+    data = messages.encode(topic, record)
     assert data.count(np.float64(value).tobytes()) == 1
     return data.replace(np.float64(value).tobytes(), np.float64(by).tobytes())
 
@@ -183,7 +185,7 @@ def test_a_quaternion_that_is_no_rotation_is_refused_naming_the_message(tmp_path
 
 
 def test_a_stamp_before_zero_is_refused_naming_the_message(tmp_path):
-    records = [codec.encode(JOINT_STATES, record) for record in samples(9)]
+    records = [messages.encode(JOINT_STATES, record) for record in samples(9)]
     records[4] = records[4][:4] + b"\xff\xff\xff\xff" + records[4][8:]
     with pytest.raises(BagError, match="message 4 of joint_states: stamp of -1 s"):
         write(tmp_path / "bag", JOINT_STATES, records).joints(JOINT_STATES)

@@ -8,7 +8,6 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
 from hypothesis import given
 from rclpy.serialization import deserialize_message, serialize_message
-from rled_msgs_py.bags import codec
 from rled_msgs_py.convert import MESSAGE_CLASSES, from_msg, qos_profile, to_msg
 from rled_msgs_py.errors import ContractError
 from rled_msgs_py.records import (
@@ -36,6 +35,8 @@ from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
+from rled_msgs_py import messages
+
 from .samples import ENTRIES, same
 
 
@@ -50,13 +51,13 @@ def test_records_survive_messages_of_rclpy(entry):
 @given(ENTRIES)
 def test_records_survive_the_bytes_of_a_bag(entry):
     topic, record = entry
-    assert same(codec.decode(topic, codec.encode(topic, record)), record)
+    assert same(messages.decode(topic, messages.encode(topic, record)), record)
 
 
 @given(ENTRIES)
 def test_rclpy_reads_the_bytes_of_a_bag(entry):
     topic, record = entry
-    message = deserialize_message(codec.encode(topic, record), MESSAGE_CLASSES[topic.type])
+    message = deserialize_message(messages.encode(topic, record), MESSAGE_CLASSES[topic.type])
     assert message == to_msg(record)
     assert same(from_msg(topic, message), record)
 
@@ -64,7 +65,7 @@ def test_rclpy_reads_the_bytes_of_a_bag(entry):
 @given(ENTRIES)
 def test_the_bytes_of_rclpy_are_read_like_those_of_a_bag(entry):
     topic, record = entry
-    assert same(codec.decode(topic, serialize_message(to_msg(record))), record)
+    assert same(messages.decode(topic, serialize_message(to_msg(record))), record)
 
 
 PADDED = [
@@ -82,7 +83,7 @@ PADDED = [
 @pytest.mark.parametrize(("topic", "record", "padding"), PADDED)
 def test_bytes_equal_those_of_rclpy_apart_from_padding(topic, record, padding):
     # rclpy leaves the bytes between fields as they were in memory, and some after the last field
-    ours, theirs = codec.encode(topic, record), bytearray(serialize_message(to_msg(record)))
+    ours, theirs = messages.encode(topic, record), bytearray(serialize_message(to_msg(record)))
     for place in padding:
         theirs[place] = 0
     assert theirs[: len(ours)] == ours
@@ -97,7 +98,7 @@ def test_bytes_of_a_delta_are_as_the_cdr_rules_say():
         "01000000 000000000000e03f"  # one position, 0.5, at a multiple of 8 after the first four bytes
         "00000000 00000000"  # no velocity, no effort
     )
-    assert codec.encode(JOINT_DELTA, DeltaCommand(12_000_001_000, ("q",), [0.5])) == expected
+    assert messages.encode(JOINT_DELTA, DeltaCommand(12_000_001_000, ("q",), [0.5])) == expected
 
 
 def test_a_delta_travels_as_position_without_velocity():
@@ -207,32 +208,32 @@ def test_a_decision_says_who_acts_and_why():
 
 def test_a_record_of_another_kind_than_the_topic_is_refused():
     with pytest.raises(ContractError, match="a PoseSample for joint_states; accepted: a record of sensor_msgs"):
-        codec.encode(JOINT_STATES, PoseSample(0, "world", np.zeros(3)))
+        messages.encode(JOINT_STATES, PoseSample(0, "world", np.zeros(3)))
 
 
 @given(ENTRIES)
 def test_bytes_that_break_off_are_refused(entry):
     topic, record = entry
-    data = codec.encode(topic, record)
+    data = messages.encode(topic, record)
     for size in range(len(data) - 4):
         with pytest.raises(ContractError):
-            codec.decode(topic, data[:size])
+            messages.decode(topic, data[:size])
 
 
 def test_big_endian_bytes_are_read():
     store = get_typestore(Stores.ROS2_JAZZY)
     command = DeltaCommand(7, ("a", "b"), [1.0, -2.5])
-    message = store.deserialize_cdr(codec.encode(JOINT_DELTA, command), JOINT_DELTA.type)
+    message = store.deserialize_cdr(messages.encode(JOINT_DELTA, command), JOINT_DELTA.type)
     data = bytes(store.serialize_cdr(message, JOINT_DELTA.type, little_endian=False))
     assert data[:2] == b"\0\0"
-    assert same(codec.decode(JOINT_DELTA, data), command)
+    assert same(messages.decode(JOINT_DELTA, data), command)
 
 
 @pytest.mark.parametrize("head", ["0003", "0006", "0100", ""])
 def test_another_encoding_is_refused(head):
-    data = bytes.fromhex(head) + codec.encode(JOINT_DELTA, DeltaCommand(7, ("a",), [1.0]))[len(head) // 2 :]
+    data = bytes.fromhex(head) + messages.encode(JOINT_DELTA, DeltaCommand(7, ("a",), [1.0]))[len(head) // 2 :]
     with pytest.raises(ContractError, match=r"encoding|no sensor_msgs"):
-        codec.decode(JOINT_DELTA, data if head else b"")
+        messages.decode(JOINT_DELTA, data if head else b"")
 
 
 @pytest.mark.parametrize("topic", RECORDED, ids=lambda topic: topic.name)

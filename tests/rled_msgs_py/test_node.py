@@ -14,7 +14,6 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
-from rled_msgs_py.bags import codec
 from rled_msgs_py.convert import qos_profile, to_msg
 from rled_msgs_py.errors import ContractError, RledError
 from rled_msgs_py.node import advertise, declare, fresh_context, spin_until, subscribe, subscribe_ticks
@@ -22,6 +21,8 @@ from rled_msgs_py.params import param
 from rled_msgs_py.records import DeltaCommand, PoseSample
 from rled_msgs_py.topics import EE_POSE, JOINT_DELTA, Topic
 from sensor_msgs.msg import JointState
+
+from rled_msgs_py import messages
 
 from .samples import NAMES, same, tick
 
@@ -82,7 +83,7 @@ def test_bytes_received_equal_those_of_a_bag(graph):
     graph.spin_until(lambda: received)
     without_padding = bytearray(received[0])
     without_padding[17:20] = bytes(3)  # after the empty frame; what lies there is not defined
-    assert without_padding == codec.encode(JOINT_DELTA, command)
+    assert without_padding == messages.encode(JOINT_DELTA, command)
 
 
 def test_a_bad_message_is_dropped_and_the_next_is_taken(graph):

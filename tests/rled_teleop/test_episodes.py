@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from rclpy.serialization import serialize_message
-from rled_msgs_py.bags.codec import encode
 from rled_msgs_py.convert import to_msg
+from rled_msgs_py.messages import encode
 from rled_msgs_py.records import TaskStatus
 from rled_msgs_py.topics import TASK_STATUS
 from rled_teleop.episodes import REACHED, About, Episodes, Refusal, count_of

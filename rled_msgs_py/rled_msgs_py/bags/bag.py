@@ -9,7 +9,7 @@ from typing import cast
 
 import numpy as np
 
-from rled_msgs_py.bags.codec import defines, definition
+from rled_msgs_py.bags.definitions import defines, definition
 from rled_msgs_py.bags.error import BagError
 from rled_msgs_py.bags.folder import open_files
 from rled_msgs_py.bags.storage import BagTopic, Messages, Storage

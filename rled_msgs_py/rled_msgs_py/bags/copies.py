@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rled_msgs_py.bags.bag import Bag
-from rled_msgs_py.bags.codec import decode
 from rled_msgs_py.bags.episodes import CUTS, Episode, cuts, episodes, legs
 from rled_msgs_py.bags.error import BagError
 from rled_msgs_py.bags.header import sim_stamp
@@ -23,7 +22,7 @@ from rled_msgs_py.bags.series import going_on, series
 from rled_msgs_py.bags.stream import Message
 from rled_msgs_py.bags.timeline import Timeline, timeline
 from rled_msgs_py.bags.writer import BagWriter, require_replaceable
-from rled_msgs_py.messages import NANOSECONDS
+from rled_msgs_py.messages import NANOSECONDS, decode
 from rled_msgs_py.records import Text
 from rled_msgs_py.tick import STATE_NAMES
 from rled_msgs_py.topics import EPISODE_EVENTS, JOINT_STATES, ROBOT_DESCRIPTION, TASK_DESCRIPTION, Topic

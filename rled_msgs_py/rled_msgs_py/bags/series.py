@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rled_msgs_py.bags.bag import Bag
-from rled_msgs_py.bags.codec import decode
 from rled_msgs_py.bags.error import BagError
 from rled_msgs_py.errors import ContractError
+from rled_msgs_py.messages import decode
 from rled_msgs_py.records import DeltaCommand, JointSample, PoseSample, Record, TaskStatus
 from rled_msgs_py.topics import JOINT_STATE, POSE_STAMPED, Topic
 

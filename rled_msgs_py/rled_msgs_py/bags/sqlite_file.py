@@ -12,7 +12,7 @@ import numpy as np
 from rosbags.interfaces import Connection
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
-from rled_msgs_py.bags.codec import definition, is_known
+from rled_msgs_py.bags.definitions import definition, is_known
 from rled_msgs_py.bags.error import BagError
 from rled_msgs_py.bags.storage import BagTopic, Messages
 

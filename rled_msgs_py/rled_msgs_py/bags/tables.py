@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rled_msgs_py.bags.codec import decode
 from rled_msgs_py.bags.layout import Layout, stamps_of, view
 from rled_msgs_py.bags.storage import Messages
 from rled_msgs_py.errors import ContractError
+from rled_msgs_py.messages import decode
 from rled_msgs_py.records import UNIT_TOLERANCE, DeltaCommand, Record, order_by_name
 from rled_msgs_py.topics import Topic
 

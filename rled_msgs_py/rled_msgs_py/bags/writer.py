@@ -6,12 +6,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType, TracebackType
 
-from rled_msgs_py.bags.codec import definition, encode
+from rled_msgs_py.bags.definitions import definition
 from rled_msgs_py.bags.error import BagError, remedy
 from rled_msgs_py.bags.mcap_journal import SUFFIXES
 from rled_msgs_py.bags.mcap_writer import McapWriter
 from rled_msgs_py.bags.metadata import FILE_NAME, qos_profiles, write_metadata
 from rled_msgs_py.bags.storage import BagTopic
+from rled_msgs_py.messages import encode
 from rled_msgs_py.records import Record
 from rled_msgs_py.topics import Topic
 

@@ -1,0 +1,118 @@
+"""Plain CDR, the encoding of messages on the wire and in bags (DDS-XTYPES 1.3, 7.4.1), as far as our types need it."""
+
+import struct
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rled_msgs_py.errors import ContractError
+
+ENCAPSULATION = 4
+"""Bytes that tell the encoding; alignment counts from their end."""
+
+
+class CdrReader:
+    """Takes fields off a serialized message, one after the other.
+
+    Args:
+        data: the message.
+
+    Raises:
+        ContractError: another encoding; from every method: the message ends before the field does.
+    """
+
+    def __init__(self, data: bytes) -> None:
+        if data[:2] not in (b"\x00\x00", b"\x00\x01"):
+            raise ContractError(f"a message in the encoding '{data[:2].hex()}'", "plain CDR (0000 or 0001)")
+        self._data, self._at = data, ENCAPSULATION
+        self._order = "<" if data[1] else ">"
+        self._count = struct.Struct(f"{self._order}I")
+        self._time = struct.Struct(f"{self._order}iI")
+
+    def _place(self, size: int, alignment: int) -> int:
+        start = self._at + (ENCAPSULATION - self._at) % alignment
+        self._at = start + size
+        if self._at > len(self._data):
+            raise ContractError(f"a message of {len(self._data)} bytes that breaks off")
+        return start
+
+    def time(self) -> tuple[int, int]:
+        """Seconds and nanoseconds of a builtin_interfaces/Time."""
+        seconds, nanoseconds = self._time.unpack_from(self._data, self._place(8, 4))
+        return seconds, nanoseconds
+
+    def octet(self) -> int:
+        """One byte."""
+        return self._data[self._place(1, 1)]
+
+    def count(self) -> int:
+        """Length of a sequence."""
+        number: int = self._count.unpack_from(self._data, self._place(4, 4))[0]
+        return number
+
+    def text(self) -> str:
+        """A string."""
+        size = self.count()
+        start = self._place(size, 1)
+        try:
+            return self._data[start : start + max(size - 1, 0)].decode()
+        except UnicodeDecodeError as error:
+            raise ContractError(f"a text that is not UTF-8 ({error.reason})") from None
+
+    def texts(self) -> list[str]:
+        """A sequence of strings."""
+        return [self.text() for _ in range(self.members())]
+
+    def members(self) -> int:
+        """Length of a sequence whose members take a byte at least."""
+        if (count := self.count()) > len(self._data):
+            raise ContractError(f"a message of {len(self._data)} bytes with {count} members in a sequence")
+        return count
+
+    def doubles(self, count: int) -> NDArray[np.float64]:
+        """So many float64, shape (count,); they share memory with the message."""
+        if not count:
+            return np.empty(0)
+        start = self._place(8 * count, 8)
+        return np.frombuffer(self._data, f"{self._order}f8", count, start)
+
+
+class CdrWriter:
+    """Puts a message together, little endian; what lies between fields is zero."""
+
+    def __init__(self) -> None:
+        self._data = bytearray(b"\x00\x01\x00\x00")
+
+    def _align(self, alignment: int) -> None:
+        self._data += bytes((ENCAPSULATION - len(self._data)) % alignment)
+
+    def time(self, seconds: int, nanoseconds: int) -> None:
+        """A builtin_interfaces/Time."""
+        self._align(4)
+        self._data += struct.pack("<iI", seconds, nanoseconds)
+
+    def octet(self, value: int) -> None:
+        """One byte."""
+        self._data.append(value)
+
+    def count(self, number: int) -> None:
+        """Length of a sequence."""
+        self._align(4)
+        self._data += struct.pack("<I", number)
+
+    def text(self, text: str) -> None:
+        """A string."""
+        encoded = text.encode()
+        self.count(len(encoded) + 1)
+        self._data += encoded
+        self._data.append(0)
+
+    def doubles(self, values: NDArray[np.float64]) -> None:
+        """Float64 values without their count, shape (k,)."""
+        if len(values):
+            self._align(8)
+            self._data += values.astype("<f8").tobytes()
+
+    def bytes(self) -> bytes:
+        """The message."""
+        return bytes(self._data)
