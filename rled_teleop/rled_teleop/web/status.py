@@ -51,7 +51,8 @@ def _warnings(watched: Watched) -> list[str]:
     said = []
     health = watched.health(SIM_REPORT)
     if health is not None and health.level is not Level.OK:
-        said.append(_spot(RED if health.level is Level.ERROR else ORANGE, escape(health.message)))
+        summary = health.message.partition(", the last")[0]
+        said.append(_spot(RED if health.level is Level.ERROR else ORANGE, escape(summary)))
     elif health is not None and health.message == "paused":
         said.append(_spot(ORANGE, "paused"))
     tick, decision, seen = watched.tick, watched.decision, watched.seen
