@@ -5,12 +5,7 @@ in progress. A chunk is closed when it has ``CHUNK_BYTES``, or by ``flush``. Wha
 process (a loss of power is another matter). Nothing here grows with the length of a recording: the index of the chunks,
 which has to stand at the end of the file, waits in a file without a name.
 
-Measured with 100,000 messages of a Panda on five topics (19.1 MB), chunks closed after every 5, 12 and 100 messages and
-not at all (1 MiB):
-
-- Zstandard: 17.4, 11.4, 7.0, 6.5 MB; 25, 13, 6, 6 µs of processor time a message
-- LZ4: 19.6, 13.0, 8.6, 8.0 MB; 18, 12, 8, 5 µs
-- unpacked: 28.8, 25.9, 24.1, 23.8 MB; 14, 10, 9, 8 µs
+``docs/architecture.md`` has the measurements that Zstandard and the size of a chunk were chosen by.
 """
 
 import fcntl
