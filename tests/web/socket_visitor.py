@@ -73,7 +73,8 @@ class SocketVisitor:
 
     def text(self) -> str:
         """All texts of the page."""
-        return "\n".join(str(each.get("content", "")) for each in list(self._elements.values()))
+        parts = (each.get(key, "") for each in list(self._elements.values()) for key in ("content", "_markdown"))
+        return "\n".join(map(str, parts))
 
     def click(self, label: str) -> None:
         self.send(messages.GuiUpdateMessage(self.find(label), {"value": True}))

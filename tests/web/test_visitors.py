@@ -1,11 +1,14 @@
 """Visitors who speak the page's protocol themselves: honest ones, ones that lie, ones that fall silent."""
 
+import subprocess
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from rled_msgs_py.processes import program
 
 from .socket_visitor import SocketVisitor
 
@@ -16,8 +19,13 @@ def mode(request: pytest.FixtureRequest) -> str:
 
 
 @pytest.fixture(scope="module")
-def address(ros_domain: int, serve: Callable[..., Any], mode: str) -> Iterator[str]:
-    with serve("--robot", "planar", "--sim-options", f"--mode {mode}") as address:
+def bags(tmp_path_factory: pytest.TempPathFactory, mode: str) -> Path:
+    return tmp_path_factory.mktemp(f"bags_{mode}")
+
+
+@pytest.fixture(scope="module")
+def address(ros_domain: int, serve: Callable[..., Any], mode: str, bags: Path) -> Iterator[str]:
+    with serve("--robot", "planar", "--sim-options", f"--mode {mode}", "--output", str(bags)) as address:
         yield address
 
 
@@ -108,3 +116,27 @@ def test_a_silent_driver_can_be_relieved(visitor: Any, watcher: Any) -> None:
     other.click("Drive")
     watcher.await_that(lambda: "You drive" in other.text(), "the wheel")
     assert "You watch" in silent.text() or watcher.await_that(lambda: "You watch" in silent.text(), "the news")
+
+
+def test_two_recorded_episodes_make_a_bag_that_passes_and_replays(visitor: Any, watcher: Any, bags: Path) -> None:
+    me = visitor()
+    for label, verdict, word in (("y −", "Keep", "kept"), ("y +", "Discard", "discarded")):
+        me.click("Begin episode")
+        watcher.await_that(lambda: "<b>recording</b>" in me.text(), "the recorder")
+        with me.holding(label):
+            watcher.await_that(watcher.moves, "motion")
+            time.sleep(0.5)
+        watcher.await_that(watcher.rests, "the robot to rest")
+        me.click("End episode")
+        watcher.await_that(lambda: "<b>recording</b>" not in me.text(), "the end of the episode")
+        me.click(verdict)
+        watcher.await_that(lambda word=word: word in me.text(), word)
+    me.click("Finish the bag")
+    watcher.await_that(lambda: "is complete" in me.text() and "| score |" in me.text(), "the bag")
+    (bag,) = bags.iterdir()
+    checked = subprocess.run([*program("rled_teleop", "demos"), "check", str(bag)], capture_output=True, text=True)
+    assert checked.returncode == 0, checked.stdout + checked.stderr
+    meshes = me.received["MeshMessage"]
+    me.click("Replay")
+    watcher.await_that(lambda: me.received["MeshMessage"] > meshes, "the ghost")
+    me.find("Replay")

@@ -45,11 +45,10 @@ class RecordingPanel:
             self._episode = gui.add_dropdown("Episode", (NONE,))
             self._play = gui.add_button("Replay", icon=viser.Icon.PLAYER_PLAY, color="gray")
             self._play.on_click(self._on_play)
-        self._enabled = False
+        self._opened = ""
 
     def enable(self, enabled: bool) -> None:
         """Let the visitor use it, or not."""
-        self._enabled = enabled
         for each in (self._start, self._stop, *self._rest, self._finish, self._bags, self._episode, self._play):
             each.disabled = not enabled
 
@@ -61,6 +60,9 @@ class RecordingPanel:
         said = self._studio.said
         self._list.content = "  \n".join([*([f"*{said}*"] if said else []), entries_table(entries)])
         self._choose(self._bags, (NONE, *self._studio.bags))
+        if self._studio.opened != self._opened and (self._studio.opened or NONE) in self._bags.options:
+            self._opened = self._studio.opened
+            self._bags.value = self._opened or NONE
         self._choose(self._episode, tuple(map(str, self._studio.replayable)) or (NONE,))
         self._table.content = self._studio.table
         self._play.label = "Stop the replay" if self._studio.plays else "Replay"

@@ -49,6 +49,7 @@ class Studio:
         said: what went on last, in words.
         bags: names of the finished ones.
         table: the open bag's episodes, as Markdown.
+        opened: its name; empty for none.
         replayable: numbers of its episodes.
     """
 
@@ -61,7 +62,7 @@ class Studio:
         self._open: tuple[Bag, Review] | None = None
         self._film: Film | None = None
         self._began = 0.0
-        self.said, self.table = "", ""
+        self.said, self.table, self.opened = "", "", ""
         self.bags: tuple[str, ...] = ()
         self.replayable: tuple[int, ...] = ()
         self._do(self._list)
@@ -175,7 +176,7 @@ class Studio:
     def _look_through(self, name: str | None) -> None:
         self._film = None
         if name is None:
-            self._open, self.table, self.replayable = None, "", ()
+            self._open, self.table, self.opened, self.replayable = None, "", "", ()
             return
         bag = Bag(self._folder / name)
         found = review(bag)
@@ -187,7 +188,7 @@ class Studio:
         ]
         head = ["| # | | score | reached | detour | jerk |", "|---|---|---|---|---|---|"]
         self.table = "\n".join([f"**{name}**, {len(found.faults)} faults", "", *head, *rows])
-        self.replayable = tuple(each.number for each in found.episodes)
+        self.opened, self.replayable = name, tuple(each.number for each in found.episodes)
 
     def _load(self, number: int) -> None:
         if self._open is None:
