@@ -53,10 +53,15 @@ class Ordering:
             self.newest = stamp
             self._held += [each._replace(stamp=stamp) for each in self._unstamped]
             self._unstamped.clear()
-        filed = self.newest if stamp is None else stamp
+        filed = self._newest_for(topic) if stamp is None else stamp
         held = self._unstamped if filed is None else self._held
         held.append(Received(filed or 0, rank, number, topic, data))
         self._next = max(self._next, number + 1)
+
+    def _newest_for(self, topic: Topic) -> int | None:
+        """Where a message without a stamp belongs: the newest stamp may be of a late one, its topic keeps its order."""
+        held = (each.stamp for each in self._held if each.topic == topic)
+        return self.newest if self.newest is None else max([self.newest, *held])
 
     def due(self) -> list[Received]:
         """What is ripe to be written, in order."""

@@ -44,10 +44,8 @@ REPORT_PERIOD = 1.0  # s, on /diagnostics
 HISTORY = 1000
 """Messages of a topic that wait for the recorder when it is held up."""
 DESCRIPTIONS = (ROBOT_DESCRIPTION, TASK_DESCRIPTION)
-TICKING = (*STATE_TOPICS, JOINT_DELTA, HUMAN_JOINT_DELTA)
-"""Topics whose messages belong to a tick."""
-LAST_WORDS = Duration(seconds=1)
-"""How long the last report is given to reach its subscribers."""
+TICKING = (*STATE_TOPICS, JOINT_DELTA, HUMAN_JOINT_DELTA)  # whose messages belong to a tick
+LAST_WORDS = Duration(seconds=1)  # for the last report to reach its subscribers
 
 
 class Recorder(Node):
@@ -64,6 +62,7 @@ class Recorder(Node):
         self._episodes = Episodes(About(self.params.operator_name or self.params.operator, __version__))
         self._described, self._is_awaited, self._opening = False, not self.params.paused, Opening()
         self._after = self._until = -1  # stamps of the newest tick when the episode began and when the last one ended
+        self._silent: list[Topic] = []  # not listened to before somebody publishes there
         self._failure: BagError | None = None
         self._marks = (advertise(self, MARKED_JOINT_STATES), advertise(self, MARKED_EE_POSE))
         self._events, self._reports = advertise(self, EPISODE_EVENTS), advertise(self, DIAGNOSTICS)
@@ -75,12 +74,13 @@ class Recorder(Node):
     def begin(self, bag: BagWriter) -> None:
         """Record into an open bag.
 
-        It listens to the descriptions first, and to the rest in the order of ``RECORDED`` once they are there: whoever
-        sees it listen to ``joint_delta`` can begin.
+        It listens to the descriptions first, and to the rest once they are there, to ``joint_delta`` last: whoever sees
+        that can begin.
         """
         self._filing = Filing(bag, self._topics)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(WRITE_PERIOD, partial(self._safely, self._go_on), clock=steady)
+        self.create_timer(WRITE_PERIOD, self._listen_to_who_speaks, clock=steady)
         self.create_timer(REPORT_PERIOD, self._report, clock=steady)
         for topic in DESCRIPTIONS:
             self._listen(topic)
@@ -94,11 +94,7 @@ class Recorder(Node):
         self._filing.write_rest(lambda each: each.topic not in TICKING or each.stamp <= complete)
 
     def check(self) -> None:
-        """See that the recording goes on.
-
-        Raises:
-            BagError: the bag cannot be written any more.
-        """
+        """Raise the BagError that has ended the recording, if one has."""
         if self._failure:
             raise self._failure
 
@@ -151,9 +147,23 @@ class Recorder(Node):
             return
         self._described = True
         self._describe(text)
+        self._silent = [topic for topic in self._topics if topic.qos.durability == "volatile"]
         for topic in self._topics:
-            if topic not in (*DESCRIPTIONS, EPISODE_EVENTS):
+            if topic not in (*self._silent, *DESCRIPTIONS, EPISODE_EVENTS):
                 self._listen(topic)
+
+    def _listen_to_who_speaks(self) -> None:
+        """Listen to the topics without a history as soon as somebody publishes there.
+
+        DDS matches each side in its own time. Whoever saw a reader that does not know its writer yet would begin, and
+        the first messages would be lost; a reader made after its writer is known is ready before anybody sees it.
+        """
+        found = [topic for topic in self._silent if self.count_publishers(topic.name)]
+        if len(found) > 1 and found[-1] == JOINT_DELTA:
+            found.pop()  # the last of all: who sees it listened to may begin
+        for topic in found:
+            self._silent.remove(topic)
+            self._listen(topic)
 
     def _describe(self, text: bytes) -> None:
         try:

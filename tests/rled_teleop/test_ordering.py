@@ -62,6 +62,20 @@ def test_the_time_of_the_day_on_diagnostics_is_no_stamp() -> None:
     assert [each.stamp for each in ordering.rest()] == [20, 20, 40]
 
 
+def test_texts_keep_their_order_when_a_late_message_comes_between() -> None:
+    ordering = Ordering()
+    for number, (topic, data) in enumerate(
+        [
+            (JOINT_STATES, message(40)),
+            (ROBOT_DESCRIPTION, b"first"),
+            (JOINT_DELTA, message(20)),
+            (ROBOT_DESCRIPTION, b"second"),
+        ]
+    ):
+        ordering.add(topic, RANKS[topic], data, number)
+    assert [each.data for each in ordering.rest() if each.topic is ROBOT_DESCRIPTION] == [b"first", b"second"]
+
+
 def test_a_message_waits_for_two_calls_at_most() -> None:
     ordering = Ordering()
     ordering.add(JOINT_STATES, 1, message(20), 0)
