@@ -1,5 +1,6 @@
 """Commands that reach the robot although DDS matches a writer and a reader at different times."""
 
+from dataclasses import replace
 from typing import Any
 
 from rclpy.event_handler import PublisherEventCallbacks
@@ -9,6 +10,9 @@ from rled_msgs_py.convert import MESSAGE_CLASSES, qos_profile
 from rled_msgs_py.messages import encode
 from rled_msgs_py.records import DeltaCommand
 from rled_msgs_py.topics import JOINT_DELTA, Topic
+
+HISTORY = 100
+"""Commands kept for a recorder that has not acknowledged them; the simulation's reader takes the newest only."""
 
 
 class CommandOutput:
@@ -26,7 +30,7 @@ class CommandOutput:
         self._topic = topic
         self._waiting: bytes | None = None
         matched = PublisherEventCallbacks(matched=self._on_matched)
-        kind, qos = MESSAGE_CLASSES[topic.type], qos_profile(topic.qos)
+        kind, qos = MESSAGE_CLASSES[topic.type], qos_profile(replace(topic.qos, depth=HISTORY))
         self.publisher = node.create_publisher(kind, topic.name, qos, event_callbacks=matched)
 
     def publish(self, command: DeltaCommand) -> None:
