@@ -36,6 +36,8 @@ TASK = reach_task(ROBOTS["planar"]).description
 REPORTS = {"sim": "sim: driver", "agent": AGENT, "recorder": "record_demos: bag"}
 ENDLESS = ("--targets-per-episode", "0", "--max-steps", "0")
 SLACK = 1e-9
+YOUNG = 2_000_000_000
+"""Simulation time (ns) before which a simulation is not killed, so that the stamps of the next one are smaller."""
 
 
 def unlawful(stamps: np.ndarray, positions: np.ndarray) -> int:
@@ -52,6 +54,8 @@ def unlawful(stamps: np.ndarray, positions: np.ndarray) -> int:
     periods = np.diff(stamps) / TASK.period
     moved = np.abs(np.diff(positions, axis=0)).max(axis=1, initial=0.0)
     jumped = (periods > 0) & (moved > TASK.max_delta * periods * (1.0 + 1e-6))
+    for k in np.flatnonzero(jumped):
+        print(f"jump: {stamps[k]} ns {positions[k]} to {stamps[k + 1]} ns {positions[k + 1]}", flush=True)
     return int(outside.any(axis=1).sum() + jumped.sum())
 
 
@@ -75,7 +79,9 @@ def is_well(name: str, report: Health) -> bool:
     """A node does its work, as it says itself."""
     if name == "agent":
         return int(report.values.get("handovers", 0)) > 1
-    return name == "sim" or report.message.startswith("recording")
+    if name == "sim":
+        return int(report.values["stamp"]) > YOUNG
+    return report.message.startswith("recording")
 
 
 class Graph:
@@ -133,6 +139,7 @@ class Graph:
             assert answer.result().success, answer.result().message
         else:
             self.team.kill(victim)
+            self.watch.spin(0.2)  # what it said before is not taken for the next one's words
             self.team.start(victim)
         self._down["agent" if victim == "learning" else victim] = time.monotonic()
 
