@@ -3,7 +3,7 @@ SHELL := bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup demo test faults hostile check format bench lock clean
+.PHONY: help setup demo test browser faults hostile check format bench lock clean
 
 BIN := .venv/bin
 PACKAGES := rled_msgs_py rled_sim rled_agent rled_teleop
@@ -38,7 +38,10 @@ demo: setup ## Record a demonstration, learn it, drive the robot; results in out
 	$(BIN)/demo $(ARGS)
 
 test: setup ## Run the tests (ARGS="-k bag" chooses some).
-	$(BIN)/python -m pytest tests --ignore=tests/bench -n 2 --dist loadfile $(ARGS)
+	$(BIN)/python -m pytest tests --ignore=tests/bench --ignore=tests/web/test_page.py -n 2 --dist loadfile $(ARGS)
+
+browser: setup ## Run the tests of the page in a headless Chromium (some minutes, on a machine that does nothing else).
+	$(BIN)/python -m pytest tests/web/test_page.py $(ARGS)
 
 faults: setup ## Measure the table of faults anew: docs/faults.md.
 	RLED_FAULTS=write $(BIN)/python -m pytest tests/faults -k table $(ARGS)
