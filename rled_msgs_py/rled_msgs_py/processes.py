@@ -135,6 +135,7 @@ class Children:
             if deadline is not None and time.monotonic() > deadline:
                 raise RledError(f"{child.name} still runs after {timeout:g} s")
             time.sleep(POLL)
+        self._settle(child)
         self.check()
 
     def end(self, *chosen: Child) -> None:
