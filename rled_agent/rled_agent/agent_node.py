@@ -184,10 +184,11 @@ class AgentNode(Node):
         self._decide()
 
     def _require_fresh(self, stamp: int) -> None:
-        """A person answers the newest state, or one not older than it takes to let go."""
-        oldest = self._newest - round(self._params.human_timeout * 1e9)
-        if not oldest <= stamp <= self._newest:
-            raise RledError(f"a command for the state of {stamp} ns", f"{oldest} to {self._newest} ns")
+        """A person answers about the newest state, which may have reached the person first."""
+        slack = round(self._params.human_timeout * 1e9)
+        if abs(stamp - self._newest) > slack:
+            accepted = f"{self._newest - slack} to {self._newest + slack} ns"
+            raise RledError(f"a command for the state of {stamp} ns", accepted)
 
     def _decide(self) -> None:
         """Answer the state that waits, unless it is a person's turn."""

@@ -40,7 +40,7 @@ def graph(observer, children, planar_expert: Path, state: Path):
     agent = state.with_name("actor.safetensors")
     Policy(network, expert.scaling, expert.task).save(agent)
     options = ["--expert", planar_expert, "--agent", agent, "--threshold", 1e6, "--measure", "iqr"]
-    options += ["--learning-state", state]
+    options += ["--learning-state", state, "--human-timeout", 3.0]  # a busy machine holds the person up
     children.start([*program("rled_agent", "agent_node"), *map(str, options)])
     observer.wait(lambda: bool(observer.decisions), "the first decision")
     return observer
