@@ -41,7 +41,6 @@ from rled_agent.apprentice import Apprentice
 from rled_agent.arbiter import Arbiter, Outcome, Situation
 from rled_agent.controller import GatedController, Proposals, load_controller, observe
 
-Service = SetBool | Trigger
 LOOK = 0.02
 """Seconds between two looks at a state that waits for a person."""
 SOON = 0.1

@@ -197,7 +197,8 @@ class Arbiter:
 
     def _blended(self, delta: Vector) -> Vector:
         """On the way from the last displacement to this one, while control passes."""
-        delta = self._before + (delta - self._before) / (self._blending + 1)
-        self._blending = max(self._blending - 1, 0)
+        if self._blending:
+            delta = self._before + (delta - self._before) / (self._blending + 1)
+            self._blending -= 1
         self._before = delta
         return delta

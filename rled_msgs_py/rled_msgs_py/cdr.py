@@ -9,6 +9,8 @@ from rled_msgs_py.errors import ContractError
 
 ENCAPSULATION = 4
 """Bytes that tell the encoding; alignment counts from their end."""
+FORMATS = {order: (struct.Struct(f"{order}I"), struct.Struct(f"{order}iI")) for order in "<>"}
+"""Count and time, by byte order."""
 
 
 class CdrReader:
@@ -26,8 +28,7 @@ class CdrReader:
             raise ContractError(f"a message in the encoding '{data[:2].hex()}'", "plain CDR (0000 or 0001)")
         self._data, self._at = data, ENCAPSULATION
         self._order = "<" if data[1] else ">"
-        self._count = struct.Struct(f"{self._order}I")
-        self._time = struct.Struct(f"{self._order}iI")
+        self._count, self._time = FORMATS[self._order]
 
     def _place(self, size: int, alignment: int) -> int:
         start = self._at + (ENCAPSULATION - self._at) % alignment

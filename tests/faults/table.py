@@ -62,11 +62,7 @@ def main() -> None:
     """Write the document."""
     files = sorted(MEASURED.glob("*.json"))
     rows = [Row(*values) for file in files for values in json.loads(file.read_text())]
-    lines = [
-        f"{row.text()} {row.milliseconds:.{0 if row.milliseconds >= 10 else 1}f} | {'yes' if row.lawful else 'NO'} |"
-        for row in rows
-    ]
-    DOCUMENT.write_text(HEAD + "\n".join(lines) + "\n")
+    DOCUMENT.write_text(HEAD + "".join(row.line() for row in rows))
     print(f"{len(rows)} faults in {DOCUMENT.relative_to(ROOT)}")
 
 

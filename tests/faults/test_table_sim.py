@@ -261,8 +261,8 @@ def test_a_late_command_is_a_hold(ticking: Plant, row: Take, fault: str) -> None
 
 
 def still(ticking: Plant) -> bool:
-    before, after = (tick.joints.position for tick in ticking.ticks[-2:])
-    return bool(np.array_equal(before, after))
+    """Five ticks alike: an operator that a busy machine keeps waiting misses fewer."""
+    return len({tick.joints.position.tobytes() for tick in ticking.ticks[-5:]}) == 1
 
 
 @pytest.fixture
@@ -275,13 +275,16 @@ def driven(ticking: Plant) -> Child:
 
 def test_an_operator_that_dies_leaves_the_robot_holding(ticking: Plant, driven: Child, row: Take) -> None:
     since = len(ticking.ticks) - 1
-    kill = lambda: os.kill(driven.process.pid, signal.SIGKILL)  # noqa: E731
+
+    def kill() -> None:
+        driven.process.kill()
+        driven.process.wait()
+
     took = ticking.measure(kill, lambda: still(ticking), "a hold")
-    driven.process.wait()
     held = ticking.tick
     ticking.wait(lambda: ticking.tick.stamp > held.stamp + 10 * PERIOD, "ticks")
     np.testing.assert_array_equal(ticking.tick.joints.position, held.joints.position)
-    row("the operator killed while it moves the robot", "the robot holds", took, ticking.unlawful(since))
+    row("the operator killed while it moves the robot", "the robot holds, five ticks alike", took, ticking.unlawful(since))
 
 
 def test_the_emergency_stop_ends_motion(ticking: Plant, driven: Child, row: Take) -> None:
@@ -296,7 +299,7 @@ def test_the_emergency_stop_ends_motion(ticking: Plant, driven: Child, row: Take
     ticking.children.end(driven)
     row(
         "the emergency stop while the robot moves",
-        "the robot holds until it is released",
+        "the robot holds until it is released, five ticks alike",
         took,
         ticking.unlawful(since),
     )

@@ -92,6 +92,14 @@ def await_report(observer, name: str) -> None:
     observer.wait_report(REPORTS[name], lambda health: True)
 
 
+def await_silence(observer) -> int:
+    """All ticks under way have come: none between two reports. Returns their number."""
+    before = -1
+    while before != (before := len(observer.ticks)):
+        await_report(observer, "sim_node")
+    return before
+
+
 def await_motion(observer) -> None:
     """The robot moves now."""
     begun = len(observer.ticks)
@@ -229,8 +237,7 @@ def test_two_robots_in_two_namespaces_do_not_hear_each_other(sides, planar_exper
             observer.wait_ticks(50)
         answer = sides["left"].call(SetBool, "agent_node/enable", data=False)
         assert answer.message == "silent: the robot holds"
-        await_report(sides["left"], "sim_node")  # by now all under way has come
-        still = len(sides["left"].ticks)
+        still = await_silence(sides["left"])
         sides["right"].wait_ticks(50)
         await_report(sides["left"], "sim_node")
         assert len(sides["left"].ticks) == still

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from rled_msgs_py.bags.storage import Messages
+from rled_msgs_py.cdr import ENCAPSULATION
 from rled_msgs_py.messages import NANOSECONDS
 
-ENCAPSULATION = 4
 PLAIN_CDR_LITTLE_ENDIAN = (0, 1)
 VARYING = frozenset({"sec", "nanosec", "position", "orientation", "velocity", "effort"})
 """Fields that differ from message to message; all others are the same in messages of one layout."""
