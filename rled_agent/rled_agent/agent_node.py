@@ -18,7 +18,7 @@ from rled_msgs_py.errors import RledError
 from rled_msgs_py.life import watch_life
 from rled_msgs_py.messages import encode
 from rled_msgs_py.node import advertise, declare, run_node, spin, subscribe, subscribe_ticks
-from rled_msgs_py.records import Actor, DeltaCommand, GateCode, GateDecision, Text
+from rled_msgs_py.records import Actor, DeltaCommand, GateCode, GateDecision, TaskStatus, Text
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import Tick
 from rled_msgs_py.topics import (
@@ -163,12 +163,12 @@ class AgentNode(Node):
             return
         self._newest = tick.stamp
         self._delta.withdraw()
-        self._learn_from(tick, observation)
-        self._before = self._waiting = None
-        if tick.status.terminated or tick.status.truncated:
-            return
-        self._waiting = Waiting(tick, observation, self._controller.propose(observation), received)
-        self._decide()
+        before, self._before, self._waiting = self._before, None, None
+        if not (tick.status.terminated or tick.status.truncated):
+            self._waiting = Waiting(tick, observation, self._controller.propose(observation), received)
+            self._decide()
+        if self._apprentice is not None:  # after the answer: to wake another process takes time
+            self._learn_from(before, tick, observation, self._apprentice)
 
     def _on_person(self, command: DeltaCommand) -> None:
         if self._arbiter is None or self._task is None:
@@ -220,20 +220,23 @@ class AgentNode(Node):
         )  # fmt: skip
         self._gate.publish(encode(SAFETY_GATE, decision))
 
-    def _learn_from(self, tick: Tick, observation: NDArray[np.float64]) -> None:
+    def _learn_from(
+        self,
+        before: tuple[Waiting, Outcome] | None,
+        tick: Tick,
+        observation: NDArray[np.float64],
+        apprentice: Apprentice,
+    ) -> None:
         """Offer the transition that this tick ends, and take newer weights."""
-        if self._apprentice is None or self._before is None:
-            return
-        before, outcome = self._before
-        status = before.tick.status
-        if tick.status.episode == status.episode and tick.status.step == status.step + 1:
+        if before is not None and _follows(tick.status, before[0].tick.status):
+            waiting, outcome = before
             assert outcome.delta is not None
             scaling = self._controller.policy.scaling
             happened = np.array([tick.status.reward, tick.status.terminated], dtype=np.float32)
-            state, following = map(scaling.normalize_observation, (before.observation, observation))
+            state, following = map(scaling.normalize_observation, (waiting.observation, observation))
             row = np.concatenate([state, scaling.normalize_action(outcome.delta), happened, following])
-            self._apprentice.offer(row, outcome.actor is Actor.HUMAN)
-        self._apprentice.renew()
+            apprentice.offer(row, outcome.actor is Actor.HUMAN)
+        apprentice.renew()
 
     def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._enabled = request.data
@@ -292,6 +295,10 @@ class AgentNode(Node):
         if apprentice is not None:
             apprentice.close(SAVING if apprentice.started else 0.0)
         super().destroy_node()
+
+
+def _follows(after: TaskStatus, before: TaskStatus) -> bool:
+    return after.episode == before.episode and after.step == before.step + 1
 
 
 def _say(response: Any, success: bool, message: str) -> Any:

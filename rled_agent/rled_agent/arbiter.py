@@ -174,9 +174,9 @@ class Arbiter:
         return self._act(situation, Actor.EXPERT, situation.expert(), code, reason)
 
     def _act(self, situation: Situation, actor: Actor, delta: Vector, code: GateCode, reason: str = "") -> Outcome:
-        before = self._before
+        before, is_judged = self._before, actor is situation.proposal.actor and not self._blending
         delta = self._blended(delta)
-        refused = self._guard.judge(situation.q, before, delta)
+        refused = None if is_judged else self._guard.judge(situation.q, before, delta)
         if refused is not None:
             return self._hold(GateCode.LIMIT, f"{actor.value}: {refused}")
         level = Level.OK if code in (GateCode.SURE, GateCode.UNGATED) else Level.WARN

@@ -5,12 +5,14 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rled_msgs_py.convert import to_msg
+from rled_msgs_py.messages import encode
 from rled_msgs_py.node import advertise, fresh_context, spin_until
 from rled_msgs_py.processes import Children, program
 from rled_msgs_py.records import Text
@@ -46,7 +48,8 @@ class Prober:
         self._executor.add_node(self._node)
         simulation = simulation_of(SimParams())
         simulation.reset(np.random.default_rng(0))
-        self._tick = [to_msg(record) for record in tick_of(simulation, 0, 0, 0.0)]
+        self._tick = tick_of(simulation, 0, 0, 0.0)
+        self._question = to_msg(self._tick.joints)
         self._states = [advertise(self._node, topic) for topic in STATE_TOPICS]
         self._echo = self._node.create_publisher(JointState, "echo/joint_states", 10)
         self._answer = self._stamp = 0
@@ -63,18 +66,15 @@ class Prober:
 
     def ask_echo(self) -> None:
         """Publish one message that is sent back."""
-        self._echo.publish(self._next()[0])
+        self._stamp += 1
+        self._question.header.stamp.sec = self._stamp
+        self._echo.publish(self._question)
 
     def ask_agent(self) -> None:
-        """Publish a state, on the four topics of the contract."""
-        for output, message in zip(self._states, self._next(), strict=True):
-            output.publish(message)
-
-    def _next(self) -> list:
+        """Publish a state on the four topics of the contract, as sim_node does."""
         self._stamp += 1
-        for message in self._tick:
-            message.header.stamp.sec = self._stamp
-        return self._tick
+        for topic, output, record in zip(STATE_TOPICS, self._states, self._tick, strict=True):
+            output.publish(encode(topic, replace(record, stamp=self._stamp * 10**9)))
 
     def time(self, ask: Callable[[], None]) -> float:
         """Seconds from a question to its answer."""

@@ -284,7 +284,12 @@ def test_an_operator_that_dies_leaves_the_robot_holding(ticking: Plant, driven: 
     held = ticking.tick
     ticking.wait(lambda: ticking.tick.stamp > held.stamp + 10 * PERIOD, "ticks")
     np.testing.assert_array_equal(ticking.tick.joints.position, held.joints.position)
-    row("the operator killed while it moves the robot", "the robot holds, five ticks alike", took, ticking.unlawful(since))
+    row(
+        "the operator killed while it moves the robot",
+        "the robot holds, five ticks alike",
+        took,
+        ticking.unlawful(since),
+    )
 
 
 def test_the_emergency_stop_ends_motion(ticking: Plant, driven: Child, row: Take) -> None:
