@@ -33,6 +33,8 @@ class Options:
 
     figures: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
     """as 4.6, or another file of docs/results/experiments; all of them by default"""
+    only: str = ""
+    """make only runs whose name has this in it, as phi-0.1 or seed-0, and what they need"""
     runs: Path = Path("out/reproduce")
     """folder for the runs while they are made"""
     workers: int = len(os.sched_getaffinity(0))
@@ -66,7 +68,7 @@ def main() -> None:
 def _missing(library: Library, options: Options) -> dict[RunName, Run]:
     """Runs that are not kept yet, and what these need, if its weights are not there."""
     asked = library.with_needs(list(options.figures) or library.names())
-    missing = {name: run for name, run in asked.items() if not is_done(KEPT, run)}
+    missing = {name: run for name, run in asked.items() if options.only in str(name) and not is_done(KEPT, run)}
     waiting = [need for run in missing.values() for need in run.needs]
     while waiting:
         need = waiting.pop()
