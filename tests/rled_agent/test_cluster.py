@@ -52,7 +52,7 @@ def test_a_run_of_a_lost_worker_is_made_by_another(nodes, tmp_path):
 def test_a_failed_run_says_why_from_afar(nodes, tmp_path):
     nodes.add_node(num_cpus=1)
     cluster = Cluster(nodes.address, tmp_path, Event())
-    with pytest.raises(RledError, match="schedule.steps is 0"):
+    with pytest.raises(RledError, match="steps is 0"):
         cluster.make(run("bad", "--schedule.steps", "0"))
 
 
