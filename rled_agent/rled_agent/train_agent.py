@@ -85,7 +85,8 @@ def main() -> None:
 
 
 def _record(options: Options) -> dict[str, Any]:
-    demonstrations = {name: str(getattr(options, name)) for name in ("bag", "expert", "points", "over")}
+    files = {"bag": str(options.bag), "expert": str(options.expert)}
+    demonstrations = files | {"points": options.points, "over": options.over}
     return {"config": options.config.to_dict(), "demonstrations": demonstrations}
 
 
