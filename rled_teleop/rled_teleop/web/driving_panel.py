@@ -105,8 +105,7 @@ class DrivingPanel:
         return turn
 
     async def _on_speed(self, event: viser.GuiEvent[Any]) -> None:
-        if self._control.drives(event.client_id):
-            self._control.share = float(event.target.value) / 100.0
+        self._control.set_share(event.client_id, float(event.target.value) / 100.0)
 
     async def _on_go(self, event: viser.GuiEvent[Any]) -> None:
         if self._watched.tick is not None:

@@ -125,8 +125,7 @@ class LearningPanel:
         return button
 
     async def _on_take(self, event: viser.GuiEvent[Any]) -> None:
-        if self._control.drives(event.client_id):
-            self._control.taken = not self._control.taken
+        self._control.switch_taken(event.client_id)
 
     async def _on_setting(self, name: str, event: viser.GuiEvent[Any]) -> None:
         if event.client_id is not None:

@@ -1,4 +1,4 @@
-"""Everything that ``teleop_web`` runs: the node, the page in threads of its own, and what a user wants started."""
+"""Everything that ``teleop_web`` runs: node and page, the operator beside them, and what a user wants started."""
 
 import shlex
 import sys
@@ -9,10 +9,12 @@ from threading import Event, Thread
 from typing import TYPE_CHECKING
 
 from rclpy.experimental import EventsExecutor
-from rled_msgs_py.processes import Children, program
+from rled_msgs_py.errors import RledError
+from rled_msgs_py.processes import Child, Children, program
 from rled_sim.robots import ROBOTS
 
 from rled_teleop.web.access import access_for
+from rled_teleop.web.order import OPERATOR
 from rled_teleop.web_params import WebParams
 
 if TYPE_CHECKING:
@@ -93,11 +95,15 @@ def serve(node: "TeleopWeb", stop: Event) -> None:
     access_for(params.host, params.token)
     with Children() as children:
         _start(children, params)
+        operator = _start_operator(children, node.orders.file)
         page = PageThread(node)
+        node.listen()
 
         def check() -> None:
             children.check()
             page.check()
+            if operator.exit_code is not None:
+                raise RledError(f"{OPERATOR} has ended", "", "start teleop_web again")
 
         try:
             _spin(node, stop, check)
@@ -114,6 +120,13 @@ def _start(children: Children, params: WebParams) -> None:
         name, *options = shlex.split(params.with_agent)
         beside = Path(sys.executable).parent / name
         children.start([str(beside) if beside.is_file() else name, *options])
+
+
+def _start_operator(children: Children, orders: int) -> Child:
+    """Start what answers ticks, in this node's namespace and with its topics, but under a name of its own."""
+    given = sys.argv[sys.argv.index("--ros-args") + 1 :] if "--ros-args" in sys.argv else []
+    names = ["--ros-args", "-r", f"__node:={OPERATOR}", *given] if given else []
+    return children.start([*program("rled_teleop", OPERATOR), "--orders", str(orders), *names], files=(orders,))
 
 
 def _spin(node: "TeleopWeb", stop: Event, check: Callable[[], None]) -> None:

@@ -1,7 +1,5 @@
-"""What the person at the page wants the robot to do, valid for a short time only: the deadman."""
+"""What the person at the page wants the robot to do."""
 
-from dataclasses import dataclass
-from threading import Lock
 from typing import NamedTuple
 
 import numpy as np
@@ -80,42 +78,3 @@ def _towards(way: Vector, axes: tuple[int, ...], length: float) -> Vector:
     if distance < THERE:
         return np.zeros(3)
     return step * min(1.0, length / distance)
-
-
-@dataclass(frozen=True)
-class _Held:
-    wish: Wish
-    visitor: int
-    until: float
-
-
-class WishBox:
-    """The newest wish, with the moment at which it ends unless it is renewed. All methods are thread-safe."""
-
-    def __init__(self) -> None:
-        self._lock = Lock()
-        self._held: _Held | None = None
-
-    def put(self, visitor: int, wish: Wish, until: float) -> None:
-        """Replace the wish by one that lasts until a time (s of the monotonic clock)."""
-        with self._lock:
-            self._held = _Held(wish, visitor, until)
-
-    def renew(self, visitor: int, until: float) -> None:
-        """Let this visitor's wish last longer, if it has not ended yet."""
-        with self._lock:
-            if self._held is not None and self._held.visitor == visitor:
-                self._held = _Held(self._held.wish, visitor, max(until, self._held.until))
-
-    def drop(self, visitor: int | None = None) -> None:
-        """End the wish of a visitor, or whosever it is."""
-        with self._lock:
-            if visitor is None or (self._held is not None and self._held.visitor == visitor):
-                self._held = None
-
-    def newest(self, now: float) -> Wish | None:
-        """The wish at a time (s); None when there is none or it has ended, and then it is gone for good."""
-        with self._lock:
-            if self._held is not None and now >= self._held.until:
-                self._held = None
-            return None if self._held is None else self._held.wish
