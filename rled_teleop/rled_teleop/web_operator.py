@@ -20,6 +20,7 @@ from rled_msgs_py.params import param
 from rled_teleop.driving import Driving
 from rled_teleop.jog import Jog
 from rled_teleop.web.order import OPERATOR, OrderSlot
+from rled_teleop.web.steering import steer
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ class WebOperator(Node):
     def _steer(self, jog: Jog, q: NDArray[np.float64]) -> NDArray[np.float64] | None:
         if os.getppid() != self._page:  # the page was killed
             return None
-        return self._slot.newest().displacement(jog, q, time.monotonic())
+        return steer(self._slot.newest(), jog, q, time.monotonic())
 
 
 def _spin(node: WebOperator, stop: Event) -> None:

@@ -12,7 +12,8 @@ from rled_sim.tasks import reach_task
 from rled_teleop.jog import Jog
 from rled_teleop.web.control import PATIENCE, Control
 from rled_teleop.web.order import Order, OrderSlot
-from rled_teleop.web.wish import Follow, Move, Turn, delta
+from rled_teleop.web.steering import delta, steer
+from rled_teleop.web.wish import Follow, Move, Turn
 
 ROBOT = ROBOTS["planar"]
 TASK = reach_task(ROBOT).description
@@ -42,7 +43,7 @@ class Room:
         self._received = OrderSlot(slot.file)
 
     def displacement(self) -> np.ndarray | None:
-        return self._received.newest().displacement(JOG, HOME, self._clock.now)
+        return steer(self._received.newest(), JOG, HOME, self._clock.now)
 
     def moves(self) -> bool:
         wanted = self.displacement()

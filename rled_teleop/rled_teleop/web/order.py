@@ -6,14 +6,9 @@ import struct
 import zlib
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
 from rled_msgs_py.errors import RledError
 
-from rled_teleop.jog import Jog
-from rled_teleop.web.wish import Follow, Move, Turn, Wish, delta
-
-Vector = NDArray[np.float64]
+from rled_teleop.web.wish import Follow, Move, Turn, Wish
 
 OPERATOR = "web_operator"
 """The node that takes the orders."""
@@ -44,12 +39,6 @@ class Order(NamedTuple):
     def is_wished(self, now: float) -> bool:
         """Whether something is wanted at a time (s): the deadman."""
         return self.wish is not None and now < self.until
-
-    def displacement(self, jog: Jog, q: Vector, now: float) -> Vector | None:
-        """Δq (rad) of one tick for joint angles (rad), shape (n,); None when nobody wants anything at that time (s)."""
-        if self.wish is None or not self.is_wished(now):
-            return np.zeros(len(q)) if self.taken else None
-        return delta(self.wish, jog, q, self.share)
 
 
 class OrderSlot:
