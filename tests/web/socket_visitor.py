@@ -38,7 +38,7 @@ class SocketVisitor:
         name = f"viser-v{viser.__version__}"
         self._socket = connect(address.replace("http", "ws"), subprotocols=[name], max_size=None, compression=None)
         self._elements: dict[str, dict[str, Any]] = {}
-        self._handle_owner: str | None = None
+        self._owners: dict[str, str] = {}
         self.received: Counter[str] = Counter()
         self.alive = True
         self._reading = threading.Thread(target=self._read, daemon=True)
@@ -59,7 +59,7 @@ class SocketVisitor:
         kind = message["type"]
         self.received[kind] += 1
         if kind == "TransformControlsMessage":
-            self._handle_owner = message["owner"]
+            self._owners[message["name"]] = message["owner"]
         if "uuid" in message and isinstance(message.get("props"), dict):
             self._elements[message["uuid"]] = {"value": message.get("value"), **message["props"]}
         elif kind == "GuiUpdateMessage" and message["uuid"] in self._elements:
@@ -86,11 +86,11 @@ class SocketVisitor:
         """What a control shows."""
         return self._elements[self.find(label)]["value"]
 
-    def drag(self, *point: float) -> None:
-        """Take the handle at the tool to a point (m) and keep it there."""
-        owner = _awaited(lambda: self._handle_owner, "handle")
-        self.send(messages.TransformControlsDragStartMessage("/handle", owner))
-        self.send(messages.TransformControlsUpdateMessage("/handle", (1.0, 0.0, 0.0, 0.0), point, owner))
+    def drag(self, *point: float, handle: str = "/handle") -> None:
+        """Take a handle, by default the one at the tool, to a point (m) and keep it there."""
+        owner = _awaited(lambda: self._owners.get(handle), handle)
+        self.send(messages.TransformControlsDragStartMessage(handle, owner))
+        self.send(messages.TransformControlsUpdateMessage(handle, (1.0, 0.0, 0.0, 0.0), point, owner))
 
     def is_disabled(self, label: str) -> bool:
         return bool(self._elements[self.find(label)]["disabled"])

@@ -4,11 +4,13 @@ import time
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.subscription import Subscription
-from rled_msgs_py.node import subscribe, subscribe_ticks
-from rled_msgs_py.records import Text
+from rled_msgs_py.messages import encode
+from rled_msgs_py.node import advertise, subscribe, subscribe_ticks
+from rled_msgs_py.records import PoseSample, Text
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import Tick
 from rled_msgs_py.topics import (
@@ -18,6 +20,7 @@ from rled_msgs_py.topics import (
     MARKERS,
     ROBOT_DESCRIPTION,
     SAFETY_GATE,
+    TARGET_REQUEST,
     TASK_DESCRIPTION,
 )
 from visualization_msgs.msg import MarkerArray
@@ -54,6 +57,7 @@ class Graph:
         self._node, self._params, self._watched, self._control = node, params, watched, control
         self._recorder = RecorderClient(node, params.recorder)
         self._neighbours = GraphServices(node, {"sim": params.sim, "agent": params.agent})
+        self._target = advertise(node, TARGET_REQUEST)
         self._said = (self._recorder.answer, self._neighbours.answer)
         self._markers: Subscription | None = None
         self._begun = time.monotonic()
@@ -95,12 +99,20 @@ class Graph:
         self._tell()
 
     def _ask(self, what: str, value: Any) -> None:
-        if what in SERVICES:
+        if what == "target":
+            self._retarget(value)
+        elif what in SERVICES:
             self._neighbours.ask(what)
         elif what in RECORDER:
             self._recorder.ask(RECORDER[what])
         else:
             self._neighbours.set(what, value)
+
+    def _retarget(self, point: Any) -> None:
+        task, tick = self._watched.task, self._watched.tick
+        if task is not None and tick is not None:
+            request = PoseSample(tick.stamp, task.frame, np.array(point))
+            self._target.publish(encode(TARGET_REQUEST, request))
 
     def _tell(self) -> None:
         """Show the page the newest answer."""
