@@ -127,9 +127,8 @@ def _open(node: Node, params: WebParams, orders: OrderSlot) -> PageThread:
     from rled_teleop.web.watched import Watched
 
     watched, control = Watched(), Control(params.timeout, orders.put)
-    page = PageThread(params, watched, control)
     Graph(node, params, watched, control)
-    return page
+    return PageThread(params, watched, control)
 
 
 def _start(children: Children, params: WebParams) -> None:
