@@ -78,7 +78,7 @@ class SocketVisitor:
 
         return str(_awaited(found, label))
 
-    def set(self, label: str, value: float | str) -> None:
+    def enter(self, label: str, value: float | str) -> None:
         """Set a slider, a number or a choice."""
         self.send(messages.GuiUpdateMessage(self.find(label), {"value": value}))
 

@@ -78,10 +78,10 @@ def test_curves_and_the_gates_words_are_shown(me: SocketVisitor, watcher: Any) -
 
 def test_the_threshold_is_set_from_the_page(me: SocketVisitor, watcher: Any, acts: Callable[[Actor], None]) -> None:
     acts(Actor.AGENT)
-    me.set("ξ threshold", 0.0)
+    me.enter("ξ threshold", 0.0)
     acts(Actor.EXPERT)
     assert watcher.decisions[-1].threshold == 0.0
-    me.set("ξ threshold", 1e6)
+    me.enter("ξ threshold", 1e6)
     acts(Actor.AGENT)
     watcher.await_that(lambda: "threshold is 1000000.0" in me.text(), "the answer")
 

@@ -36,7 +36,7 @@ class Page:
         self.process: Child = children.start([*program("rled_teleop", "teleop_web"), *options])
         await_that(lambda: children.check() or is_open(port), "the page")
         self.visitor = SocketVisitor(f"http://127.0.0.1:{port}")
-        self.visitor.set("Speed %", 5)
+        self.visitor.enter("Speed %", 5)
         self.visitor.drag(*FAR)
 
     def signal(self, number: int) -> float:

@@ -84,7 +84,7 @@ def test_a_watcher_that_forges_messages_moves_nothing(visitor: Any, watcher: Any
 
 def test_the_driver_drags_the_target_and_a_watcher_does_not(visitor: Any, watcher: Any, mode: str) -> None:
     driver, liar = visitor(), visitor()
-    driver.set("Arrows at the target too", True)
+    driver.enter("Arrows at the target too", True)
     before = watcher.ticks[-1][1].target.position.copy()
     liar.drag(0.5, 0.3, 0.1, handle="/target_handle")
     driver.drag(0.5, -0.3, 0.1, handle="/target_handle")
