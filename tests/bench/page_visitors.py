@@ -4,8 +4,8 @@ The first holds "To the target", the last one floods the page if it is asked to.
 """
 
 import argparse
-import threading
 
+from rled_msgs_py.stopping import stop_requested
 from viser import _messages as messages
 
 from ..web.socket_visitor import SocketVisitor
@@ -21,11 +21,11 @@ def main() -> None:
     options = parser.parse_args()
     visitors = [SocketVisitor(options.address) for _ in range(options.count)]
     visitors[0].find("y +")
-    with visitors[0].holding("To the target"):
+    with stop_requested() as stop, visitors[0].holding("To the target"):
         if options.flood:
             visitors[-1].begin_flood(NONSENSE)
         print("there", flush=True)
-        threading.Event().wait()
+        stop.wait()
 
 
 if __name__ == "__main__":
