@@ -144,7 +144,7 @@ class Page:
 
 
 def _yield_to_control() -> None:
-    """Let whoever answers or makes ticks go first on a busy machine: this thread, and those that it starts from here."""
+    """Let whoever makes and answers ticks go first on a busy machine: this thread yields, and those that it starts."""
     thread = get_native_id()
     os.setpriority(os.PRIO_PROCESS, thread, min(os.getpriority(os.PRIO_PROCESS, thread) + NICENESS, LOWEST))
 
