@@ -29,6 +29,7 @@ setup(
             "teleop_kinesthetic = rled_teleop.teleop_kinesthetic:main",
             "replay_demos = rled_teleop.replay_demos:main",
             "teleop_web = rled_teleop.teleop_web:main",
+            "web_operator = rled_teleop.web_operator:main",
             "record_demos = rled_teleop.record_demos:main",
         ]
     },

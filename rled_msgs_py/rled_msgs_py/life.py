@@ -15,6 +15,8 @@ from rclpy.subscription import Subscription
 from rled_msgs_py.convert import MESSAGE_CLASSES, qos_profile
 from rled_msgs_py.topics import Topic
 
+FOREVER = Duration(seconds=10**6)
+"""Longer than any deadline that is one."""
 LEASE = 1.0
 """Seconds after which a node of which the network brings no sign of life counts as gone."""
 
@@ -45,6 +47,12 @@ def _leased(topic: Topic) -> Any:
     profile = qos_profile(topic.qos)
     profile.liveliness_lease_duration = Duration(seconds=LEASE)
     return profile
+
+
+def keeps_time(node: Node, topic: Topic) -> bool | None:
+    """Whether a publisher of a topic promises messages at a pace of its own; None when no publisher is known."""
+    found = node.get_publishers_info_by_topic(topic.name)
+    return any(each.qos_profile.deadline < FOREVER for each in found) if found else None
 
 
 def advertise_in_time(node: Node, topic: Topic, deadline: float, missed: Callable[[int], None]) -> Publisher:

@@ -271,6 +271,7 @@ FROM: Mapping[str, Callable[[CdrReader], Record]] = {
     topics.TASK_STATUS.name: _status,
     topics.JOINT_DELTA.name: _delta_command,
     topics.HUMAN_JOINT_DELTA.name: _delta_command,
+    topics.TARGET_REQUEST.name: _pose_sample,
     topics.SAFETY_GATE.name: _decision,
     topics.MARKED_JOINT_STATES.name: _joint_sample,
     topics.MARKED_EE_POSE.name: _pose_sample,

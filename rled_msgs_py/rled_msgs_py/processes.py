@@ -91,6 +91,7 @@ class Children:
         env: Mapping[str, str] | None = None,
         capture: bool = True,
         echo: bool = True,
+        files: Sequence[int] = (),
     ) -> Child:
         """Print a command line and start it.
 
@@ -99,13 +100,14 @@ class Children:
             env: variables added to this process's environment.
             capture: keep its last lines; otherwise it writes to this terminal itself (for progress bars).
             echo: print what it prints, each line led by its name.
+            files: descriptors of open files that the child has too.
 
         Raises:
             RledError: there is no such program.
         """
         assignments = [f"{key}={shlex.quote(value)}" for key, value in (env or {}).items()]
         print(" ".join(["$", *assignments, shlex.join(command)]) + "\n", end="", flush=True)  # whole beside others
-        child = Child(_name(command), _spawn(command, env or {}, capture))
+        child = Child(_name(command), _spawn(command, env or {}, capture, files))
         self._children.append(child)
         if child.process.stdout is not None:
             reader = threading.Thread(target=_read, args=(child, child.process.stdout, echo), daemon=True)
@@ -172,7 +174,9 @@ def _die_with_parent() -> None:
     _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
-def _spawn(command: Sequence[str], env: Mapping[str, str], capture: bool) -> "subprocess.Popen[str]":
+def _spawn(
+    command: Sequence[str], env: Mapping[str, str], capture: bool, files: Sequence[int]
+) -> "subprocess.Popen[str]":
     try:
         return subprocess.Popen(
             command,
@@ -184,6 +188,7 @@ def _spawn(command: Sequence[str], env: Mapping[str, str], capture: bool) -> "su
             errors="replace",
             process_group=0,
             preexec_fn=_die_with_parent,
+            pass_fds=files,
         )
     except OSError as error:
         raise RledError(f"{command[0]} does not start: {error.strerror}", "", "run make setup") from None

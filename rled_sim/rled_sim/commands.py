@@ -13,7 +13,7 @@ ROUNDING = 1e-6
 
 
 class Code(IntEnum):
-    """What became of a command, as ``/diagnostics`` reports it."""
+    """What became of a command or a request, as ``/diagnostics`` reports it."""
 
     ACCEPTED = 0
     UNREADABLE = 1
@@ -30,6 +30,7 @@ class Code(IntEnum):
     KEEP_OUT = 12
     SELF_COLLISION = 13
     CONTACT = 14
+    TARGET = 15
 
 
 class Refused(RledError):

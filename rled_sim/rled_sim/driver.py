@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 from rled_msgs_py.errors import RledError
-from rled_msgs_py.records import DeltaCommand
+from rled_msgs_py.records import DeltaCommand, PoseSample
 from rled_msgs_py.tick import Tick
 
 from rled_sim.commands import Code, Refused, displacement
@@ -112,6 +112,18 @@ class Driver:
         self._taken()
         if self.rules.mode == "lockstep" and not self.paused:
             self._advance()
+
+    def retarget(self, request: PoseSample) -> None:
+        """Move the target; the next tick shows it there.
+
+        Raises:
+            Refused: in lockstep, where it would be another run than the seed's, or the target may not lie there.
+        """
+        if self.rules.mode == "lockstep":
+            raise Refused(Code.TARGET, "a target asked for in lockstep", "requests in real time")
+        if self._simulation.episode.over:
+            raise Refused(Code.EPISODE_OVER, "the episode is over", "requests after ~/reset")
+        self._simulation.retarget(request)
 
     def timer(self) -> None:
         """A period of real time has passed."""

@@ -1,6 +1,8 @@
 """Node: the simulated robot and its task, in lockstep or in real time."""
 
 import time
+from collections.abc import Callable
+from functools import partial
 from threading import Event
 from typing import Any
 
@@ -13,7 +15,7 @@ from rled_msgs_py.errors import ContractError, RledError
 from rled_msgs_py.life import advertise_in_time, offer_life
 from rled_msgs_py.messages import encode
 from rled_msgs_py.node import advertise, declare, run_node, spin, subscribe
-from rled_msgs_py.records import DeltaCommand, Record, Text
+from rled_msgs_py.records import DeltaCommand, PoseSample, Record, Text
 from rled_msgs_py.tick import STATE_TOPICS, Tick
 from rled_msgs_py.topics import (
     CLOCK_TOPIC,
@@ -22,6 +24,7 @@ from rled_msgs_py.topics import (
     JOINT_STATES,
     MARKERS,
     ROBOT_DESCRIPTION,
+    TARGET_REQUEST,
     TASK_DESCRIPTION,
     Topic,
 )
@@ -40,7 +43,7 @@ SOON = 100_000_000
 
 
 class SimNode(Node):
-    """A robot to be driven over ``joint_delta``.
+    """A robot to be driven over ``joint_delta``; in real time its target may be moved by ``target_request``.
 
     Publishes: joint_states, ee_pose, target_pose, task_status and /clock at each tick; robot_description and
     task_description once; markers and /diagnostics by the wall clock. Services: ~/reset (Trigger), ~/pause and ~/estop
@@ -65,7 +68,12 @@ class SimNode(Node):
         self._serve()
         self._start_timers(params)
         self._driver.begin()
-        subscribe(self, JOINT_DELTA, self._on_delta, self._on_unreadable)
+        takers: tuple[tuple[Topic, Callable[[Any], None]], ...] = (
+            (JOINT_DELTA, self._on_delta),
+            (TARGET_REQUEST, self._on_target),
+        )
+        for topic, take in takers:
+            subscribe(self, topic, take, partial(self._on_unreadable, topic))
 
     def _advertise_state(self, topic: Topic, params: SimParams) -> Any:
         if topic is JOINT_STATES and params.mode == "real_time":
@@ -115,12 +123,18 @@ class SimNode(Node):
         except Refused as error:
             self._refuse(error)
 
-    def _on_unreadable(self, error: ContractError) -> None:
-        self._refuse(Refused(Code.UNREADABLE, str(error)))
+    def _on_target(self, request: PoseSample) -> None:
+        try:
+            self._driver.retarget(request)
+        except Refused as error:
+            self._refuse(error, TARGET_REQUEST)
 
-    def _refuse(self, error: Refused) -> None:
+    def _on_unreadable(self, topic: Topic, error: ContractError) -> None:
+        self._refuse(Refused(Code.UNREADABLE, str(error)), topic)
+
+    def _refuse(self, error: Refused, topic: Topic = JOINT_DELTA) -> None:
         self._report.refused(error)
-        self.get_logger().warning(f"joint_delta refused: {error}", throttle_duration_sec=1.0)
+        self.get_logger().warning(f"{topic.name} refused: {error}", throttle_duration_sec=1.0)
         if self._health_timer.time_since_last_call() > SOON:
             self._health_timer.reset()
             self._report_health()

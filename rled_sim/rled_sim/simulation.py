@@ -7,10 +7,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.limits import NO_LIMITS
+from rled_msgs_py.records import PoseSample
 
 from rled_sim.commands import Refused
 from rled_sim.limits import Guard
 from rled_sim.starts import start_points
+from rled_sim.target_request import requested_target
 from rled_sim.tasks import Episode, Outcome, ReachTask
 from rled_sim.world import World
 
@@ -75,6 +77,14 @@ class Simulation:
             moved = self._previous
         self.world.move(moved)
         return self.episode.advance(self.world.q, self.world.position, self._rng)
+
+    def retarget(self, request: PoseSample) -> None:
+        """Move the target of this episode to where a person wants it.
+
+        Raises:
+            Refused: it may not lie there.
+        """
+        self.episode.target = requested_target(request, self.task.description, self.episode.target)
 
     def hold(self) -> None:
         """Let one period pass without a displacement; the task does not count it."""

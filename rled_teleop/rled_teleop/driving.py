@@ -10,12 +10,13 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rled_msgs_py.command_output import CommandOutput
 from rled_msgs_py.errors import RledError
+from rled_msgs_py.life import keeps_time
 from rled_msgs_py.node import subscribe, subscribe_ticks
 from rled_msgs_py.params import param
 from rled_msgs_py.records import DeltaCommand, Text
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import Tick
-from rled_msgs_py.topics import HUMAN_JOINT_DELTA, JOINT_DELTA, ROBOT_DESCRIPTION, TASK_DESCRIPTION
+from rled_msgs_py.topics import HUMAN_JOINT_DELTA, JOINT_DELTA, JOINT_STATES, ROBOT_DESCRIPTION, TASK_DESCRIPTION
 from rled_sim.kinematics import Chain
 
 from rled_teleop.jog import Jog
@@ -45,9 +46,10 @@ class DrivingParams:
 
 
 class Driving:
-    """Answers ticks with a displacement, one each period of real time at most; zero when the person has let go.
+    """Answers ticks with a displacement; zero when the person has let go.
 
-    In lockstep the simulation waits for the answer, so this keeps real time for both of them.
+    In lockstep the simulation waits for the answer, so this keeps real time for both of them: one answer each period.
+    A simulation that promises states at a pace of its own is answered at once.
 
     Args:
         node: whose topics and timer are used.
@@ -71,6 +73,7 @@ class Driving:
         self.tick: Tick | None = None
         self.delta: Vector | None = None
         self._is_answered, self._due = True, -np.inf
+        self._has_clock: bool | None = None
         self._output = CommandOutput(node, HUMAN_JOINT_DELTA if beside_agent else JOINT_DELTA)
         subscribe(node, TASK_DESCRIPTION, self._on_task)
         subscribe(node, ROBOT_DESCRIPTION, self._on_robot)
@@ -94,7 +97,7 @@ class Driving:
             return
         now = time.monotonic()
         period = self.jog.task.period * 1e-9
-        if now >= self._due:
+        if self._has_clock or now >= self._due:
             self._due = max(self._due, now - SLACK * period) + period
             self._answer(self.jog, self.tick)
 
@@ -113,6 +116,8 @@ class Driving:
             self._output.publish(DeltaCommand(tick.stamp, names, self.delta))
 
     def _on_tick(self, tick: Tick) -> None:
+        if self._has_clock is None or (self.tick is not None and tick.stamp < self.tick.stamp):
+            self._has_clock = keeps_time(self._node, JOINT_STATES)
         self.tick, self._is_answered = tick, False
         self._output.withdraw()
         self._watch(tick)

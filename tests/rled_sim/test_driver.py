@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from rled_msgs_py.errors import RledError
-from rled_msgs_py.limits import Limits
-from rled_msgs_py.records import DeltaCommand
+from rled_msgs_py.limits import Limits, Zone
+from rled_msgs_py.records import DeltaCommand, PoseSample
 from rled_sim.commands import Code, Refused, displacement
 from rled_sim.driver import Driver, Rules
 from rled_sim.robots import ROBOTS
@@ -235,6 +235,52 @@ def test_speed_is_lost_in_a_hold(world):
             driver.command(answer(driver.stamp, (delta, 0.0)))
         driver.timer()
     assert [tick.status.refused for tick in ticks] == ["", "", "", "", "acceleration", ""]
+
+
+def asked(*point, frame="world"):
+    return PoseSample(0, frame, np.array(point))
+
+
+def test_a_target_is_moved_in_real_time_within_the_plane_and_shown_by_the_next_tick(world):
+    driver, ticks = driven(world, REAL_TIME)
+    height = ticks[0].target.position[2]
+    driver.retarget(asked(0.6, -0.2, 5.0))
+    driver.timer()
+    np.testing.assert_array_equal(ticks[-1].target.position, [0.6, -0.2, height])
+
+
+def test_a_target_that_is_moved_onto_the_tool_is_reached_by_the_next_step(world):
+    driver, ticks = driven(world, REAL_TIME)
+    driver.retarget(asked(*ticks[0].ee.position))
+    driver.command(answer(ticks[0].stamp, (0.001, 0.0)))
+    driver.timer()
+    assert ticks[-1].status.targets_reached == 1
+
+
+ZONED = Limits(
+    tip_lower=(-0.9, -0.9, 0.0), tip_upper=(0.9, 0.9, 1.0), keep_out=(Zone("sphere", (0.6, 0, 0.1), (0.1,)),)
+)
+
+
+@pytest.mark.parametrize(
+    ("rules", "limits", "request_", "said"),
+    [
+        (LOCKSTEP, {}, asked(0.6, 0.1, 0.1), "lockstep"),
+        (REAL_TIME, {}, asked(1.06, 0.0, 0.1), "outside the workspace"),
+        (REAL_TIME, {}, asked(0.0, -1.06, 0.1), "outside the workspace"),
+        (REAL_TIME, {}, asked(0.6, 0.1, 0.1, frame="tool"), "frame 'tool'"),
+        (REAL_TIME, {"limits": ZONED}, asked(0.95, 0.0, 0.1), "outside the workspace"),
+        (REAL_TIME, {"limits": ZONED}, asked(0.65, 0.0, 0.1), "keep-out sphere"),
+    ],
+)
+def test_a_target_where_the_tool_may_not_go_is_refused_and_stays(world, rules, limits, request_, said):
+    driver, ticks = driven(world, rules, **limits)
+    with pytest.raises(Refused, match=said) as caught:
+        driver.retarget(request_)
+    assert caught.value.code is Code.TARGET
+    if rules is REAL_TIME:
+        driver.timer()
+    np.testing.assert_array_equal(ticks[-1].target.position, ticks[0].target.position)
 
 
 def test_driver_says_when_it_takes_a_command(world):

@@ -35,6 +35,22 @@ def is_running(pid: int) -> bool:
     return status.exists() and "\nState:\tZ" not in status.read_text()
 
 
+def test_a_child_has_the_open_files_that_it_is_given_and_no_others() -> None:
+    given, kept = os.memfd_create("given"), os.memfd_create("kept")
+    code = f"""
+        import os
+        os.write({given}, b"written")
+        try:
+            os.write({kept}, b"written")
+        except OSError:
+            os.write({given}, b", refused")
+    """
+    with Children() as children:
+        children.wait(children.start(python(code), files=(given,)), timeout=10)
+    assert os.pread(given, 100, 0) == b"written, refused"
+    assert os.pread(kept, 100, 0) == b""
+
+
 def test_a_command_is_printed_as_one_would_type_it(capfd: pytest.CaptureFixture[str]) -> None:
     with Children() as children:
         children.wait(children.start(["echo", "two words", "plain"], env={"ROS_DOMAIN_ID": "7"}), timeout=10)

@@ -17,9 +17,10 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rled_msgs_py.node import fresh_context, subscribe, subscribe_ticks
 from rled_msgs_py.processes import Children, program
+from rled_msgs_py.records import GateDecision
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import Tick
-from rled_msgs_py.topics import TASK_DESCRIPTION
+from rled_msgs_py.topics import SAFETY_GATE, TASK_DESCRIPTION
 from rled_sim.robots import ROBOTS
 from rled_teleop.web.handle import SIZE as HANDLE
 from rled_teleop.web.scene import FIELD_OF_VIEW, camera_for
@@ -55,7 +56,7 @@ def browser() -> Iterator[Any]:
 
 
 class Watcher:
-    """Sees each tick, with the time at which it came, in a thread of its own."""
+    """Sees each tick, with the time at which it came, and each decision, in a thread of its own."""
 
     def __init__(self) -> None:
         self._context = fresh_context()
@@ -64,6 +65,8 @@ class Watcher:
         self.task: list[Any] = []
         subscribe_ticks(self._node, lambda tick: self.ticks.append((time.monotonic(), tick)), 1000)
         subscribe(self._node, TASK_DESCRIPTION, self.task.append)
+        self.decisions: list[GateDecision] = []
+        subscribe(self._node, SAFETY_GATE, self.decisions.append)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
         self._thread = threading.Thread(target=self._executor.spin)

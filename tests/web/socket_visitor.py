@@ -3,7 +3,7 @@
 import threading
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
@@ -23,6 +23,14 @@ def unpacked(data: bytes) -> list[dict[str, Any]]:
     return list(msgspec.msgpack.decode(zstandard.ZstdDecompressor().decompress(data[16 : 16 + length]))["messages"])
 
 
+def _awaited(look: Callable[[], Any], what: str) -> Any:
+    deadline = time.monotonic() + 30.0
+    while not (found := look()):
+        assert time.monotonic() < deadline, f"no {what} on the page"
+        time.sleep(0.02)
+    return found
+
+
 class SocketVisitor:
     """Reads all that is sent, answers when asked whether it is alive, and presses buttons by their labels."""
 
@@ -30,6 +38,7 @@ class SocketVisitor:
         name = f"viser-v{viser.__version__}"
         self._socket = connect(address.replace("http", "ws"), subprotocols=[name], max_size=None, compression=None)
         self._elements: dict[str, dict[str, Any]] = {}
+        self._owners: dict[str, str] = {}
         self.received: Counter[str] = Counter()
         self.alive = True
         self._reading = threading.Thread(target=self._read, daemon=True)
@@ -49,8 +58,10 @@ class SocketVisitor:
     def _take(self, message: dict[str, Any]) -> None:
         kind = message["type"]
         self.received[kind] += 1
+        if kind == "TransformControlsMessage":
+            self._owners[message["name"]] = message["owner"]
         if "uuid" in message and isinstance(message.get("props"), dict):
-            self._elements[message["uuid"]] = dict(message["props"])
+            self._elements[message["uuid"]] = {"value": message.get("value"), **message["props"]}
         elif kind == "GuiUpdateMessage" and message["uuid"] in self._elements:
             self._elements[message["uuid"]].update(message["updates"])
         elif kind == "LocalStorageGetItemRequestMessage" and self.alive:
@@ -60,13 +71,26 @@ class SocketVisitor:
 
     def find(self, label: str) -> str:
         """The newest element of that label."""
-        deadline = time.monotonic() + 30.0
-        while time.monotonic() < deadline:
-            found = [uuid for uuid, props in list(self._elements.items()) if props.get("label") == label]
-            if found:
-                return found[-1]
-            time.sleep(0.02)
-        raise AssertionError(f"no {label} on the page")
+
+        def found() -> str:
+            newest_first = reversed(list(self._elements.items()))
+            return next((uuid for uuid, props in newest_first if props.get("label") == label), "")
+
+        return str(_awaited(found, label))
+
+    def enter(self, label: str, value: float | str) -> None:
+        """Set a slider, a number or a choice."""
+        self.send(messages.GuiUpdateMessage(self.find(label), {"value": value}))
+
+    def value(self, label: str) -> Any:
+        """What a control shows."""
+        return self._elements[self.find(label)]["value"]
+
+    def drag(self, *point: float, handle: str = "/handle") -> None:
+        """Take a handle, by default the one at the tool, to a point (m) and keep it there."""
+        owner = _awaited(lambda: self._owners.get(handle), handle)
+        self.send(messages.TransformControlsDragStartMessage(handle, owner))
+        self.send(messages.TransformControlsUpdateMessage(handle, (1.0, 0.0, 0.0, 0.0), point, owner))
 
     def is_disabled(self, label: str) -> bool:
         return bool(self._elements[self.find(label)]["disabled"])
@@ -75,6 +99,14 @@ class SocketVisitor:
         """All texts of the page."""
         parts = (each.get(key, "") for each in list(self._elements.values()) for key in ("content", "_markdown"))
         return "\n".join(map(str, parts))
+
+    def labels(self) -> set[str]:
+        """Labels of all that is visible."""
+        return {str(each["label"]) for each in list(self._elements.values()) if each.get("label") and each["visible"]}
+
+    def plots(self) -> set[str]:
+        """Titles of the plots that are visible."""
+        return {str(each["title"]) for each in list(self._elements.values()) if each.get("title") and each["visible"]}
 
     def click(self, label: str) -> None:
         self.send(messages.GuiUpdateMessage(self.find(label), {"value": True}))

@@ -1,14 +1,19 @@
-"""Permission and deadman, with a clock that stands still."""
+"""Permission, deadman and what the operator is told, with a clock that stands still."""
+
+import os
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from rled_msgs_py.errors import RledError
 from rled_sim.robots import ROBOTS
 from rled_sim.tasks import reach_task
 from rled_teleop.jog import Jog
 from rled_teleop.web.control import PATIENCE, Control
-from rled_teleop.web.wish import Follow, Move, Turn, delta
+from rled_teleop.web.order import Order, OrderSlot
+from rled_teleop.web.steering import delta, steer
+from rled_teleop.web.wish import Follow, Move, Turn
 
 ROBOT = ROBOTS["planar"]
 TASK = reach_task(ROBOT).description
@@ -29,67 +34,89 @@ def clock() -> Clock:
     return Clock()
 
 
+class Room:
+    """The page's control, and the operator at the other end of the slot."""
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock, slot = clock, OrderSlot()
+        self.control = Control(0.5, slot.put, clock)
+        self._received = OrderSlot(slot.file)
+
+    def displacement(self) -> np.ndarray | None:
+        return steer(self._received.newest(), JOG, HOME, self._clock.now)
+
+    def moves(self) -> bool:
+        wanted = self.displacement()
+        return wanted is not None and bool(wanted.any())
+
+
 @pytest.fixture
-def control(clock: Clock) -> Control:
-    return Control(0.5, clock)
+def room(clock: Clock) -> Room:
+    return Room(clock)
 
 
-def moves(control: Control) -> bool:
-    wanted = control.steer(JOG, HOME)
-    return wanted is not None and bool(wanted.any())
+@pytest.fixture
+def control(room: Room) -> Control:
+    return room.control
 
 
-def test_first_visitor_drives_and_the_second_watches(control: Control) -> None:
+def test_first_visitor_drives_and_the_second_watches(room: Room, control: Control) -> None:
     control.arrive(1)
     control.arrive(2)
     control.wish(2, Move((1.0, 0.0, 0.0)))
-    assert not moves(control)
+    assert not room.moves()
     control.wish(1, Move((1.0, 0.0, 0.0)))
-    assert moves(control)
+    assert room.moves()
 
 
-def test_a_wish_ends_when_it_is_not_renewed(control: Control, clock: Clock) -> None:
+def test_a_wish_ends_when_it_is_not_renewed(room: Room, control: Control, clock: Clock) -> None:
     control.arrive(1)
     control.wish(1, Move((1.0, 0.0, 0.0)))
     clock.now += 0.49
-    assert moves(control)
+    assert room.moves()
     clock.now += 0.01
-    assert control.steer(JOG, HOME) is None
+    assert room.displacement() is None
 
 
-def test_a_held_pointer_keeps_the_wish_and_an_idle_one_does_not(control: Control, clock: Clock) -> None:
+def test_a_held_pointer_keeps_the_wish_and_an_idle_one_does_not(room: Room, control: Control, clock: Clock) -> None:
     control.arrive(1)
     control.wish(1, Move((1.0, 0.0, 0.0)))
     for _ in range(10):
         clock.now += 0.3
         control.hear(1, holds=True)
-        assert moves(control)
+        assert room.moves()
     clock.now += 0.3
     control.hear(1, holds=False)
     clock.now += 0.3
-    assert not moves(control)
+    assert not room.moves()
 
 
-def test_a_wish_that_has_ended_is_not_brought_back_by_a_late_sign_of_life(control: Control, clock: Clock) -> None:
+def test_a_wish_that_has_ended_is_not_brought_back_by_a_late_sign_of_life(
+    room: Room, control: Control, clock: Clock
+) -> None:
     control.arrive(1)
     control.wish(1, Move((1.0, 0.0, 0.0)))
     clock.now += 0.6
-    assert not moves(control)
+    assert not room.moves()
     control.hear(1, holds=True)
-    assert not moves(control)
+    assert not room.moves()
 
 
 @pytest.mark.parametrize(
     "end", [Control.release, Control.leave, Control.let_go, lambda control, visitor: control.stop()]
 )
-def test_releasing_leaving_letting_go_and_the_stop_end_the_wish_at_once(control: Control, end: object) -> None:
+def test_releasing_leaving_letting_go_and_the_stop_end_the_wish_at_once(
+    room: Room, control: Control, end: object
+) -> None:
     control.arrive(1)
     control.wish(1, Move((1.0, 0.0, 0.0)))
     end(control, 1)  # type: ignore[operator]
-    assert control.steer(JOG, HOME) is None
+    assert room.displacement() is None
 
 
-def test_another_visitor_takes_over_only_from_nobody_or_from_the_silent(control: Control, clock: Clock) -> None:
+def test_another_visitor_takes_over_only_from_nobody_or_from_the_silent(
+    room: Room, control: Control, clock: Clock
+) -> None:
     control.arrive(1)
     control.arrive(2)
     assert not control.take(2)
@@ -103,7 +130,7 @@ def test_another_visitor_takes_over_only_from_nobody_or_from_the_silent(control:
     assert not control.take(1)
     clock.now += PATIENCE + 0.1
     assert control.take(1)
-    assert not moves(control)
+    assert not room.moves()
 
 
 def test_nobody_drives_in_the_place_of_who_left_without_asking(control: Control) -> None:
@@ -138,16 +165,19 @@ def test_a_flood_of_requests_is_one(control: Control) -> None:
     assert control.asked.take() == {}
 
 
-def test_taken_over_the_robot_holds_where_nothing_is_wished(control: Control) -> None:
-    control.taken = True
-    wanted = control.steer(JOG, HOME)
+def test_taken_over_the_robot_holds_where_nothing_is_wished(room: Room, control: Control) -> None:
+    control.arrive(1)
+    control.switch_taken(2)
+    assert room.displacement() is None
+    control.switch_taken(1)
+    wanted = room.displacement()
     assert wanted is not None
     assert not wanted.any()
 
 
 @given(st.lists(st.tuples(st.sampled_from(["arrive", "leave", "let_go", "take"]), st.integers(0, 3)), max_size=40))
 def test_the_driver_is_always_one_of_those_who_are_there(steps: list[tuple[str, int]]) -> None:
-    control, present = Control(0.5, Clock()), set[int]()
+    control, present = Control(0.5, lambda order: None, Clock()), set[int]()
     for what, visitor in steps:
         if what == "arrive" and visitor in present:
             continue
@@ -182,3 +212,41 @@ def test_turning_stays_within_the_limits(goal: float) -> None:
     for _ in range(200):
         q = q + delta(Turn(0, goal), JOG, q, 1.0)
         assert TASK.joint_lower[0] <= q[0] <= TASK.joint_upper[0]
+
+
+@given(
+    st.one_of(
+        st.none(),
+        st.builds(Follow, st.tuples(*3 * [st.floats(-2.0, 2.0)])),
+        st.builds(Move, st.tuples(*3 * [st.floats(-1.0, 1.0)])),
+        st.builds(Turn, st.integers(0, 6), st.floats(-3.0, 3.0)),
+    ),
+    st.floats(0.0, 1e9),
+    st.floats(0.01, 1.0),
+    st.booleans(),
+    st.booleans(),
+)
+def test_an_order_arrives_as_it_was_given(wish, until: float, share: float, taken: bool, beside: bool) -> None:
+    order, slot = Order(wish, until, share, taken, beside), OrderSlot()
+    slot.put(order)
+    assert OrderSlot(slot.file).newest() == order
+
+
+def test_an_order_that_is_half_written_is_not_taken() -> None:
+    slot = OrderSlot()
+    operator = OrderSlot(slot.file)
+    first, second = Order(Move((1.0, 0.0, 0.0)), 5.0), Order(None, 7.0, taken=True)
+    slot.put(first)
+    whole = os.pread(slot.file, 1000, 0)
+    assert operator.newest() == first
+    slot.put(second)
+    os.pwrite(slot.file, whole[:20], 0)
+    assert operator.newest() == first
+    slot.put(second)
+    assert operator.newest() == second
+
+
+@pytest.mark.parametrize("file", [-1, 987])
+def test_a_file_that_holds_no_orders_is_refused(file: int) -> None:
+    with pytest.raises(RledError, match=f"open file {file} holds no orders; accepted: .*; start"):
+        OrderSlot(file)

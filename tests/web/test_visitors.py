@@ -82,6 +82,20 @@ def test_a_watcher_that_forges_messages_moves_nothing(visitor: Any, watcher: Any
     assert np.array_equal(watcher.q, q)
 
 
+def test_the_driver_drags_the_target_and_a_watcher_does_not(visitor: Any, watcher: Any, mode: str) -> None:
+    driver, liar = visitor(), visitor()
+    driver.enter("Arrows at the target too", True)
+    before = watcher.ticks[-1][1].target.position.copy()
+    liar.drag(0.5, 0.3, 0.1, handle="/target_handle")
+    driver.drag(0.5, -0.3, 0.1, handle="/target_handle")
+    if mode == "lockstep":
+        watcher.await_that(lambda: "commands refused" in driver.text(), "the refusal")
+        assert np.array_equal(watcher.ticks[-1][1].target.position, before)
+    else:
+        watcher.await_that(lambda: watcher.ticks[-1][1].target.position[1] != before[1], "the target to move")
+        assert watcher.ticks[-1][1].target.position == pytest.approx([0.5, -0.3, before[2]])
+
+
 def test_a_second_visitor_drives_when_the_first_has_gone(visitor: Any, watcher: Any) -> None:
     first, second = visitor(), visitor()
     second.click("Drive")

@@ -2,17 +2,12 @@
 
 import time
 from collections.abc import Callable
-from threading import Lock
+from threading import Lock, RLock
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from rled_teleop.jog import Jog
+from rled_teleop.web.order import Order
 from rled_teleop.web.visitors import Visitors
-from rled_teleop.web.wish import Wish, WishBox, delta
-
-Vector = NDArray[np.float64]
+from rled_teleop.web.wish import Wish
 
 PATIENCE = 5.0
 """So long a driver may be silent before another visitor may take over (s)."""
@@ -38,25 +33,42 @@ class Asked:
 
 
 class Control:
-    """Permissions, wishes and requests. Its methods are called by the page's thread and by the node's.
+    """Permissions, wishes and requests. Its methods are called by the page's threads and by the node's.
 
     Args:
         timeout: deadman: a wish that the page does not renew ends so long (s) after.
+        give: takes each new order, for the operator.
         clock: seconds.
 
     Attributes:
         visitors: who is there and who drives.
         asked: requests to other nodes.
-        share: of full speed.
-        taken: a person has taken over from the agent: where nothing is wished, the robot holds.
     """
 
-    def __init__(self, timeout: float, clock: Callable[[], float] = time.monotonic) -> None:
-        self._timeout, self._clock = timeout, clock
+    def __init__(
+        self, timeout: float, give: Callable[[Order], None], clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._timeout, self._give, self._clock = timeout, give, clock
         self.visitors = Visitors(PATIENCE)
         self.asked = Asked()
-        self._wishes = WishBox()
-        self.share, self.taken = 0.5, False
+        self._lock = RLock()
+        self._order = Order()
+        self._wisher: int | None = None
+
+    @property
+    def share(self) -> float:
+        """Of full speed, 0 to 1."""
+        return self._order.share
+
+    @property
+    def taken(self) -> bool:
+        """A person has taken over from the agent: where nothing is wished, the robot holds."""
+        return self._order.taken
+
+    @property
+    def beside(self) -> bool:
+        """Somebody else answers the states; the page only takes over."""
+        return self._order.beside
 
     def arrive(self, visitor: int) -> None:
         """A visitor has opened the page."""
@@ -64,15 +76,16 @@ class Control:
 
     def leave(self, visitor: int) -> None:
         """A visitor is gone, and its wish with it."""
-        self._wishes.drop(visitor)
+        self.release(visitor)
         self.visitors.leave(visitor)
 
     def take(self, visitor: int) -> bool:
         """A visitor wants to drive; what another one wished ends when it does."""
-        before = self.visitors.driver
-        if self.visitors.take(visitor, self._clock()) and before != visitor:
-            self._wishes.drop()
-        return self.drives(visitor)
+        with self._lock:
+            before = self.visitors.driver
+            if self.visitors.take(visitor, self._clock()) and before != visitor:
+                self._drop()
+            return self.drives(visitor)
 
     def may_take(self, visitor: int) -> bool:
         """Whether this visitor drives when it asks for it."""
@@ -80,7 +93,7 @@ class Control:
 
     def let_go(self, visitor: int) -> None:
         """The driver does not want to drive any more."""
-        self._wishes.drop(visitor)
+        self.release(visitor)
         self.visitors.let_go(visitor)
 
     def drives(self, visitor: int | None) -> bool:
@@ -89,22 +102,40 @@ class Control:
 
     def wish(self, visitor: int | None, wish: Wish, lasts: float | None = None) -> None:
         """The driver wishes something, for ``lasts`` seconds; what others wish is nothing."""
-        if visitor is not None and self.drives(visitor):
-            now = self._clock()
-            self.visitors.hear(visitor, now)
-            self._wishes.put(visitor, wish, now + (self._timeout if lasts is None else lasts))
+        with self._lock:
+            if visitor is not None and self.drives(visitor):
+                now = self._clock()
+                self.visitors.hear(visitor, now)
+                self._wisher = visitor
+                self._change(wish=wish, until=now + (self._timeout if lasts is None else lasts))
 
     def hear(self, visitor: int, holds: bool) -> None:
-        """A sign of life of the page; while the pointer holds something, the wish goes on."""
-        now = self._clock()
-        self.visitors.hear(visitor, now)
-        if holds:
-            self._wishes.renew(visitor, now + self._timeout)
+        """A sign of life of the page; while the pointer holds something, the wish goes on, unless it has ended."""
+        with self._lock:
+            now = self._clock()
+            self.visitors.hear(visitor, now)
+            if holds and visitor == self._wisher and self._order.is_wished(now):
+                self._change(until=max(now + self._timeout, self._order.until))
 
     def release(self, visitor: int | None) -> None:
         """The pointer was released."""
-        if visitor is not None:
-            self._wishes.drop(visitor)
+        with self._lock:
+            if visitor is not None and visitor == self._wisher:
+                self._drop()
+
+    def set_share(self, visitor: int | None, share: float) -> None:
+        """The driver sets the share of full speed, 0 to 1."""
+        if self.drives(visitor):
+            self._change(share=share)
+
+    def switch_taken(self, visitor: int | None) -> None:
+        """The driver takes over from the agent, or hands back."""
+        if self.drives(visitor):
+            self._change(taken=not self.taken)
+
+    def stand(self, beside: bool) -> None:
+        """Answer the states from now on, or only take over from somebody who does."""
+        self._change(beside=beside)
 
     def ask(self, visitor: int | None, what: str, value: Any = None) -> None:
         """The driver asks another node for something."""
@@ -113,16 +144,18 @@ class Control:
 
     def stop(self) -> None:
         """Emergency stop, for every visitor."""
-        self._wishes.drop()
+        self._drop()
         self.asked.put("estop")
 
     def is_wished(self) -> bool:
         """Whether somebody moves the robot now, or keeps it from an agent."""
-        return self.taken or self._wishes.newest(self._clock()) is not None
+        return self.taken or self._order.is_wished(self._clock())
 
-    def steer(self, jog: Jog, q: Vector) -> Vector | None:
-        """Δq (rad) of one tick for joint angles (rad), shape (n,); None when nobody wishes anything."""
-        wish = self._wishes.newest(self._clock())
-        if wish is None:
-            return np.zeros(len(q)) if self.taken else None
-        return delta(wish, jog, q, self.share)
+    def _drop(self) -> None:
+        self._wisher = None
+        self._change(wish=None)
+
+    def _change(self, **parts: Any) -> None:
+        with self._lock:
+            self._order = self._order._replace(**parts)
+            self._give(self._order)

@@ -43,15 +43,21 @@ class DrivingPanel:
         self._go.on_hold(self._on_go, HOLD_RATE)
         self._time = gui.add_button_group("Simulation", tuple(SWITCHES))
         self._time.on_click(self._on_time)
+        self._retarget = gui.add_checkbox("Arrows at the target too", False)
         self._tool = gui.add_folder("Move the tool")
         self._joints = gui.add_folder("Turn the joints")
         self._arrows: list[Any] = []
         self._sliders: list[Any] = []
 
+    @property
+    def moves_target(self) -> bool:
+        """The visitor wants to drag the target."""
+        return bool(self._retarget.value)
+
     def enable(self, enabled: bool) -> None:
         """Let the visitor use it, or not."""
         self._enabled = enabled
-        for each in (self._speed, self._go, *self._arrows, *self._sliders):
+        for each in (self._speed, self._go, self._retarget, *self._arrows, *self._sliders):
             each.disabled = not enabled
 
     def renew(self) -> None:
@@ -105,8 +111,7 @@ class DrivingPanel:
         return turn
 
     async def _on_speed(self, event: viser.GuiEvent[Any]) -> None:
-        if self._control.drives(event.client_id):
-            self._control.share = float(event.target.value) / 100.0
+        self._control.set_share(event.client_id, float(event.target.value) / 100.0)
 
     async def _on_go(self, event: viser.GuiEvent[Any]) -> None:
         if self._watched.tick is not None:

@@ -1,6 +1,7 @@
 """The learner and its gate: who acts, curves, settings, taking over and handing back."""
 
 import math
+import time
 from functools import partial
 from typing import Any
 
@@ -16,6 +17,8 @@ AGENT_REPORT = "agent_node: policy"
 BLUE, ORANGE, GREEN, RED = "#2563eb", "#ea880c", "#16a34a", "#dc2626"
 MEASURES = ("qcd", "iqr")
 HEIGHT = 150
+SETTLED = 2.0
+"""A setting shows what the agent has when nobody has set it for so long (s)."""
 FIGURES = {
     "slowest_answer_ms": "slowest answer (ms)",
     "deadlines_missed": "deadlines missed",
@@ -49,7 +52,7 @@ class LearningPanel:
         self._phi = gui.add_number("Φ", 0.0, min=0.0, max=1.0, step=0.01, visible=False)
         self._query = gui.add_number("Ask a person (s)", 0.0, min=0.0, max=3600.0, step=0.1, visible=False)
         self._measure = gui.add_dropdown("Measure", MEASURES, visible=False)
-        self._known: dict[str, Any] = {}
+        self._set: dict[str, float] = {}
         for name, each in self._inputs.items():
             each.on_update(partial(self._on_setting, name))
         self._buttons = [self._button(gui, label, *rest) for label, rest in BUTTONS.items()]
@@ -82,8 +85,9 @@ class LearningPanel:
             each.visible = seen.agent
         for name, each in self._inputs.items():
             each.visible = name in seen.parameters
-            if name in seen.parameters and seen.parameters[name] != self._known.get(name):
-                self._known[name] = each.value = seen.parameters[name]
+            settled = time.monotonic() - self._set.get(name, -math.inf) > SETTLED
+            if settled and name in seen.parameters and seen.parameters[name] != each.value:
+                each.value = seen.parameters[name]
 
     def draw_curves(self) -> None:
         """Bring the plots up to date."""
@@ -125,12 +129,11 @@ class LearningPanel:
         return button
 
     async def _on_take(self, event: viser.GuiEvent[Any]) -> None:
-        if self._control.drives(event.client_id):
-            self._control.taken = not self._control.taken
+        self._control.switch_taken(event.client_id)
 
     async def _on_setting(self, name: str, event: viser.GuiEvent[Any]) -> None:
         if event.client_id is not None:
-            self._known[name] = event.target.value
+            self._set[name] = time.monotonic()
             self._control.ask(event.client_id, name, event.target.value)
 
 

@@ -1,4 +1,7 @@
-"""Everything that ``teleop_web`` runs: the node, the page in threads of its own, and what a user wants started."""
+"""Everything that ``teleop_web`` runs: node and page, the operator beside them, and what a user wants started.
+
+Importing what the page needs takes a second. The other processes are started before that.
+"""
 
 import shlex
 import sys
@@ -9,30 +12,37 @@ from threading import Event, Thread
 from typing import TYPE_CHECKING
 
 from rclpy.experimental import EventsExecutor
-from rled_msgs_py.processes import Children, program
-from rled_sim.robots import ROBOTS
+from rclpy.node import Node
+from rled_msgs_py.errors import RledError
+from rled_msgs_py.node import declare
+from rled_msgs_py.processes import Child, Children, program
 
 from rled_teleop.web.access import access_for
+from rled_teleop.web.order import OPERATOR, OrderSlot
 from rled_teleop.web_params import WebParams
 
 if TYPE_CHECKING:
-    from rled_teleop.teleop_web import TeleopWeb
+    from rled_teleop.web.control import Control
+    from rled_teleop.web.watched import Watched
 
 SPIN = 0.05
 """Longest wait for a message before signals, children and page are looked at again (s)."""
 
 
 class PageThread:
-    """The page, whose libraries take a second to import, beside the node.
+    """The page beside the node.
 
     Args:
-        node: that it belongs to.
+        params: of the page.
+        watched: what the graph says.
+        control: what visitors want.
     """
 
-    def __init__(self, node: "TeleopWeb") -> None:
+    def __init__(self, params: WebParams, watched: "Watched", control: "Control") -> None:
+        self._params, self._watched, self._control = params, watched, control
         self._stop = Event()
         self._error: BaseException | None = None
-        self._thread = Thread(target=self._run, args=(node,), name="page")
+        self._thread = Thread(target=self._run, name="page")
         self._thread.start()
 
     def check(self) -> None:
@@ -49,19 +59,18 @@ class PageThread:
         self._stop.set()
         self._thread.join()
 
-    def _run(self, node: "TeleopWeb") -> None:
+    def _run(self) -> None:
         try:
-            self._serve(node)
+            self._serve()
         except BaseException as error:  # raised again by check, in the thread that can end the program
             self._error = error
 
-    def _serve(self, node: "TeleopWeb") -> None:
-        params = node.params
-        Thread(target=_prepare, args=(params.robot,), daemon=True).start()
+    def _serve(self) -> None:
         from rled_teleop.web.page import Page
 
+        params = self._params
         access = access_for(params.host, params.token)
-        page = Page(params.host, params.port, access, node.watched, node.control, Path(params.output))
+        page = Page(params.host, params.port, access, self._watched, self._control, Path(params.output))
         print(f"page: {address(params)}", flush=True)
         try:
             page.run(self._stop)
@@ -71,6 +80,8 @@ class PageThread:
 
 def _prepare(robot: str) -> None:
     """Read the robot that is about to be shown while everything else starts; another one is read when it is there."""
+    from rled_sim.robots import ROBOTS
+
     from rled_teleop.web.robot import load_robot
 
     if robot in ROBOTS:
@@ -83,26 +94,41 @@ def address(params: WebParams) -> str:
     return f"http://{host}:{params.port}/" + (f"?token={params.token}" if params.token else "")
 
 
-def serve(node: "TeleopWeb", stop: Event) -> None:
+def serve(node: Node, stop: Event) -> None:
     """Serve until SIGINT or SIGTERM.
 
     Raises:
         RledError: a mistake in the parameters, or a child process failed.
     """
-    params = node.params
+    params = declare(node, WebParams)
     access_for(params.host, params.token)
+    orders = OrderSlot()
     with Children() as children:
         _start(children, params)
-        page = PageThread(node)
+        operator = _start_operator(children, orders.file)
+        Thread(target=_prepare, args=(params.robot,), daemon=True).start()
+        page = _open(node, params, orders)
 
         def check() -> None:
             children.check()
             page.check()
+            if operator.exit_code is not None:
+                raise RledError(f"{OPERATOR} has ended", "", "start teleop_web again")
 
         try:
             _spin(node, stop, check)
         finally:
             page.close()
+
+
+def _open(node: Node, params: WebParams, orders: OrderSlot) -> PageThread:
+    from rled_teleop.web.control import Control
+    from rled_teleop.web.graph import Graph
+    from rled_teleop.web.watched import Watched
+
+    watched, control = Watched(), Control(params.timeout, orders.put)
+    Graph(node, params, watched, control)
+    return PageThread(params, watched, control)
 
 
 def _start(children: Children, params: WebParams) -> None:
@@ -116,7 +142,14 @@ def _start(children: Children, params: WebParams) -> None:
         children.start([str(beside) if beside.is_file() else name, *options])
 
 
-def _spin(node: "TeleopWeb", stop: Event, check: Callable[[], None]) -> None:
+def _start_operator(children: Children, orders: int) -> Child:
+    """Start what answers ticks, in this node's namespace and with its topics, but under a name of its own."""
+    given = sys.argv[sys.argv.index("--ros-args") + 1 :] if "--ros-args" in sys.argv else []
+    names = ["--ros-args", "-r", f"__node:={OPERATOR}", *given] if given else []
+    return children.start([*program("rled_teleop", OPERATOR), "--orders", str(orders), *names], files=(orders,))
+
+
+def _spin(node: Node, stop: Event, check: Callable[[], None]) -> None:
     executor = EventsExecutor(context=node.context)
     executor.add_node(node)
     due = 0.0

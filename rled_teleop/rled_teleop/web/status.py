@@ -9,15 +9,17 @@ from rled_teleop.web.control import Control
 from rled_teleop.web.watched import Watched
 
 SIM_REPORT = "sim: driver"
-
+LINES, LINE = 5, 1.45
+"""Lines that are seen without scrolling, and the height of one (em)."""
+STYLE = f"padding:0 1em;margin-bottom:0.4em;font-size:0.9em;line-height:{LINE};height:{LINES * LINE}em;overflow-y:auto"
 
 GREEN, GREY, BLUE, ORANGE, RED = "#16a34a", "#9499a3", "#2563eb", "#ea880c", "#dc2626"
 
 
 def status_text(watched: Watched, control: Control, visitor: int) -> str:
-    """A few lines of HTML for one visitor."""
+    """Some lines of HTML for one visitor, always of one height: a warning must not move the buttons below."""
     lines = [_who(control, visitor), *_robot(watched), *_warnings(watched)]
-    return f'<div style="padding:0 1em 0.4em;font-size:0.9em;line-height:1.45">{"<br>".join(lines)}</div>'
+    return f'<div style="{STYLE}">{"<br>".join(lines)}</div>'
 
 
 def _spot(colour: str, text: str) -> str:

@@ -6,7 +6,7 @@ import viser
 
 from rled_teleop.web.control import Control
 from rled_teleop.web.driving_panel import DrivingPanel
-from rled_teleop.web.handle import ToolHandle
+from rled_teleop.web.handle import target_handle, tool_handle
 from rled_teleop.web.learning_panel import LearningPanel
 from rled_teleop.web.recording_panel import RecordingPanel
 from rled_teleop.web.status import status_text
@@ -37,7 +37,7 @@ class Visitor:
         self._wheel = gui.add_button("Drive", icon=viser.Icon.STEERING_WHEEL)
         self._wheel.on_click(self._on_wheel)
         tabs = gui.add_tab_group()
-        self._handle = ToolHandle(client, control)
+        self._handle, self._target = tool_handle(client, control), target_handle(client, control)
         with tabs.add_tab("Drive", viser.Icon.ARROWS_MOVE):
             self._driving = DrivingPanel(client, control, watched)
         with tabs.add_tab("Record", viser.Icon.VIDEO):
@@ -54,8 +54,10 @@ class Visitor:
         return self._handle.held
 
     def follow(self) -> None:
-        """Bring the handle to the tool; many times a second."""
-        self._handle.follow(self._watched, self._control.drives(self.client.client_id))
+        """Bring the handles to tool and target; many times a second."""
+        drives = self._control.drives(self.client.client_id)
+        self._handle.follow(self._watched, drives)
+        self._target.follow(self._watched, drives and self._driving.moves_target)
 
     def renew(self) -> None:
         """Bring texts and controls up to date; some times a second."""

@@ -1,19 +1,6 @@
-"""What the person at the page wants the robot to do, valid for a short time only: the deadman."""
+"""What the person at the page wants the robot to do."""
 
-from dataclasses import dataclass
-from threading import Lock
 from typing import NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
-
-from rled_teleop.jog import Jog
-from rled_teleop.keys import LINEAR_SPEED
-
-Vector = NDArray[np.float64]
-
-THERE = 5e-4
-"""Distance from a goal at which the tool counts as there (m)."""
 
 
 class Follow(NamedTuple):
@@ -49,73 +36,3 @@ class Turn(NamedTuple):
 
 
 Wish = Follow | Move | Turn
-
-
-def delta(wish: Wish, jog: Jog, q: Vector, share: float) -> Vector:
-    """The displacement of one tick that serves a wish.
-
-    Args:
-        wish: what the person wants.
-        jog: the robot.
-        q: joint angles (rad), shape (n,).
-        share: of full speed, 0 to 1.
-
-    Returns:
-        Δq (rad), shape (n,).
-    """
-    if isinstance(wish, Turn):
-        most = share * jog.task.max_delta
-        return jog.joint(q, wish.joint, float(np.clip(wish.goal - q[wish.joint], -most, most)) / jog.task.max_delta)
-    length = LINEAR_SPEED * share * jog.task.period * 1e-9
-    if isinstance(wish, Move):
-        return jog.cartesian(q, length * np.array(wish.direction), share)
-    return jog.cartesian(q, _towards(np.array(wish.goal) - jog.chain.position(q), jog.task.axes, length), share)
-
-
-def _towards(way: Vector, axes: tuple[int, ...], length: float) -> Vector:
-    """A way (m) within the axes of the task, cut to a length; nothing when it is as good as there, shape (3,)."""
-    step = np.zeros(3)
-    step[list(axes)] = way[list(axes)]
-    distance = float(np.linalg.norm(step))
-    if distance < THERE:
-        return np.zeros(3)
-    return step * min(1.0, length / distance)
-
-
-@dataclass(frozen=True)
-class _Held:
-    wish: Wish
-    visitor: int
-    until: float
-
-
-class WishBox:
-    """The newest wish, with the moment at which it ends unless it is renewed. All methods are thread-safe."""
-
-    def __init__(self) -> None:
-        self._lock = Lock()
-        self._held: _Held | None = None
-
-    def put(self, visitor: int, wish: Wish, until: float) -> None:
-        """Replace the wish by one that lasts until a time (s of the monotonic clock)."""
-        with self._lock:
-            self._held = _Held(wish, visitor, until)
-
-    def renew(self, visitor: int, until: float) -> None:
-        """Let this visitor's wish last longer, if it has not ended yet."""
-        with self._lock:
-            if self._held is not None and self._held.visitor == visitor:
-                self._held = _Held(self._held.wish, visitor, max(until, self._held.until))
-
-    def drop(self, visitor: int | None = None) -> None:
-        """End the wish of a visitor, or whosever it is."""
-        with self._lock:
-            if visitor is None or (self._held is not None and self._held.visitor == visitor):
-                self._held = None
-
-    def newest(self, now: float) -> Wish | None:
-        """The wish at a time (s); None when there is none or it has ended, and then it is gone for good."""
-        with self._lock:
-            if self._held is not None and now >= self._held.until:
-                self._held = None
-            return None if self._held is None else self._held.wish
