@@ -11,7 +11,6 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 from rled_msgs_py.node import declare, run_node, subscribe
-from rled_msgs_py.records import Text
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import Tick
 from rled_msgs_py.topics import (
@@ -19,9 +18,7 @@ from rled_msgs_py.topics import (
     EPISODE_EVENTS,
     JOINT_DELTA,
     MARKERS,
-    ROBOT_DESCRIPTION,
     SAFETY_GATE,
-    TASK_DESCRIPTION,
 )
 from visualization_msgs.msg import MarkerArray
 
@@ -59,7 +56,7 @@ class TeleopWeb(Node):
         self._said = (self._recorder.answer, self._neighbours.answer)
         self._begun = time.monotonic()
         beside = self.params.role != "alone"
-        self._driving = Driving(self, beside, self._steer, self._on_tick)
+        self._driving = Driving(self, beside, self._steer, self._on_tick, self._on_robot)
         self._markers: Subscription | None = None
         self._listen()
         self._driving.start_timer(self._look)
@@ -67,8 +64,6 @@ class TeleopWeb(Node):
 
     def _listen(self) -> None:
         watched = self.watched
-        subscribe(self, ROBOT_DESCRIPTION, self._on_robot)
-        subscribe(self, TASK_DESCRIPTION, self._on_task)
         subscribe(self, JOINT_DELTA, watched.on_delta)
         subscribe(self, SAFETY_GATE, watched.on_decision)
         subscribe(self, DIAGNOSTICS, watched.on_health)
@@ -80,11 +75,8 @@ class TeleopWeb(Node):
     def _on_tick(self, tick: Tick) -> None:
         self.watched.on_tick(tick, self.control.is_wished())
 
-    def _on_robot(self, text: Text) -> None:
-        self.watched.description = text.data
-
-    def _on_task(self, text: Text) -> None:
-        self.watched.task = TaskDescription.from_json(text.data)
+    def _on_robot(self, task: TaskDescription, urdf: str) -> None:
+        self.watched.task, self.watched.description = task, urdf
         if self._markers is None:
             self._markers = self.create_subscription(MarkerArray, MARKERS.name, self._on_markers, 1)
 
