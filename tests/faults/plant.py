@@ -75,6 +75,18 @@ class Peer:
         status = Path(f"/proc/{self.child.process.pid}/status").read_text()
         return int(status.partition("VmRSS:")[2].split()[0]) / 1024.0
 
+    def settle(self) -> None:
+        """Wait until its memory has been the same for a second: all is loaded."""
+        seen = [(0.0, 0.0)]  # memory, and since when
+
+        def settled() -> bool:
+            now, memory = time.monotonic(), self.resident()
+            if memory > seen[0][0] + 0.1:
+                seen[0] = memory, now
+            return now > seen[0][1] + 1.0
+
+        self.plant.wait(settled, f"{self.name} to settle")
+
     def _is_gone(self) -> bool:
         return self.child.exit_code is not None
 

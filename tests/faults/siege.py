@@ -82,6 +82,9 @@ def besiege(peer: Peer, strategy: st.SearchStrategy[Any], send: Callable[[Any], 
         attack()
     assert peer.plant.unlawful(since) == []
     assert witness.unlawful() == []
+    print(
+        "GROWTH", peer.name, len(memory), [round(memory[i * (len(memory) - 1) // 10] - memory[0], 2) for i in range(11)]
+    )
     assert memory[-1] - memory[len(memory) // 5] < GROWTH
     witness.leave()
     return sent[0]
