@@ -254,3 +254,10 @@ class Plant:
             if (q < np.array(task.joint_lower) - slack).any() or (q > np.array(task.joint_upper) + slack).any():
                 found.append(f"joints at {q} at {after.stamp} ns")
         return found
+
+
+def learning_process(node: Child) -> list[int]:
+    """The processes in which an agent node learns; one that has ended is not among them."""
+    parent = node.process.pid
+    children = map(int, Path(f"/proc/{parent}/task/{parent}/children").read_text().split())
+    return [each for each in children if b"learning_process" in Path(f"/proc/{each}/cmdline").read_bytes()]

@@ -12,7 +12,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from ..graph.team import actor_like
 from .hostile_requests import adjustable, requests_of
-from .plant import Peer, Plant
+from .plant import Peer, Plant, learning_process
 from .siege import Rogue, besiege, require_all, volleys
 
 TOPICS = (*STATE_TOPICS, TASK_DESCRIPTION, ROBOT_DESCRIPTION, HUMAN_JOINT_DELTA)
@@ -71,6 +71,7 @@ def test_requests_do_no_harm(agent: Peer, name: str) -> None:
     def send(request) -> None:
         assert agent.plant.call(Trigger, "reset").success
         agent.call(REQUESTS[name].kind, name, request)
+        assert len(learning_process(agent.child)) <= 1  # one that saves its state is not overtaken by the next
 
     besiege(agent, REQUESTS[name].requests, send)
     restore(agent)

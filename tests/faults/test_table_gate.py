@@ -18,7 +18,7 @@ from rled_msgs_py.topics import HUMAN_JOINT_DELTA, JOINT_STATES, ROBOT_DESCRIPTI
 from std_srvs.srv import SetBool
 
 from ..graph.team import actor_like
-from .plant import DEEP, Peer, Plant
+from .plant import DEEP, Peer, Plant, learning_process
 
 Take = Callable[[str, str, float, list[str]], None]
 JOINTS = ("shoulder", "elbow")
@@ -206,12 +206,6 @@ def test_what_a_limit_forbids_the_agent_somebody_else_does_or_nobody(gate: Gate,
     gate.await_agent()
     plant.node.destroy_publisher(output)
     row("a limit forbids what the agent wants", "the expert acts if it may, else hold", took, plant.unlawful(since))
-
-
-def learning_process(node: Child) -> list[int]:
-    parent = node.process.pid
-    children = map(int, Path(f"/proc/{parent}/task/{parent}/children").read_text().split())
-    return [each for each in children if b"learning_process" in Path(f"/proc/{each}/cmdline").read_bytes()]
 
 
 def test_the_learning_process_dies_and_control_goes_on(gate: Gate, row: Take) -> None:
