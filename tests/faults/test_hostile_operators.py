@@ -78,6 +78,7 @@ class Person:
             rogue.describe()
 
             def driven() -> bool:
+                assert self.peer.child.exit_code is None, list(self.peer.child.last_lines)
                 self.act(rogue)
                 # nobody has opened the page, so it answers and holds
                 return witness.commands() > 5 if self.peer.name == "teleop_web" else moves(plant, since)
