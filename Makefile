@@ -3,7 +3,7 @@ SHELL := bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup demo test browser faults hostile check format bench lock clean
+.PHONY: help setup demo test browser faults hostile reproduce figures check format bench lock clean
 
 BIN := .venv/bin
 PACKAGES := rled_msgs_py rled_sim rled_agent rled_teleop
@@ -18,7 +18,7 @@ PyBullet has a wheel; install that (apt install python3.11-venv, or: pyenv insta
 NO_PLATFORM = error: this is $(shell uname -sm); accepted: Linux x86_64, for which ROS 2 has wheels; use the Dockerfile instead
 
 help: ## List the targets.
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-8s %s\n", $$1, $$2 }' Makefile
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-9s %s\n", $$1, $$2 }' Makefile
 
 setup: .venv/packages.stamp ## Make .venv with Python 3.11 from requirements.lock, and the four packages in it.
 	@:
@@ -49,6 +49,12 @@ faults: setup ## Measure the table of faults anew: docs/faults.md.
 
 hostile: setup ## Send more than 30,000 malformed and hostile messages to all nodes (some minutes).
 	RLED_HOSTILE=250 $(BIN)/python -m pytest tests/faults -k hostile --timeout 600 $(ARGS)
+
+reproduce: setup ## Make the missing runs behind the figures of chapter 4 (FIG=4.6: of one; hours).
+	$(BIN)/python -m rled_agent.experiments.reproduce $(FIG) $(ARGS)
+
+figures: setup ## Draw all figures and write docs/results.md from the runs that are kept.
+	$(BIN)/python -m rled_agent.experiments.draw_figures $(FIG)
 
 check: setup ## Lint, formatting, strict types, Dockerfile.
 	$(BIN)/ruff check .

@@ -1,7 +1,7 @@
 """Who acts while learning: Gaussian noise, biased exploration (Algorithm 2), the Monte-Carlo gate (Eq. 4.40)."""
 
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import torch
@@ -68,6 +68,14 @@ class Behaviour(Protocol):
         """Choose an action for a normalised observation, shape (o,)."""
         ...
 
+    def state(self) -> dict[str, Any]:
+        """What a checkpoint keeps of it, plain JSON values."""
+        ...
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go on from ``state``."""
+        ...
+
 
 @dataclass(frozen=True)
 class Noise:
@@ -119,6 +127,14 @@ class BiasedExploration:
             return Choice(self.expert(observation), Actor.EXPERT, estimated)
         return Choice(self.noise.added_to(self.policy(observation)), Actor.AGENT, estimated)
 
+    def state(self) -> dict[str, Any]:
+        """Who drives this episode."""
+        return {"expert_episode": self.expert_episode}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go on with the episode."""
+        self.expert_episode = state["expert_episode"]
+
 
 @dataclass
 class MonteCarloGate:
@@ -147,3 +163,10 @@ class MonteCarloGate:
         if uncertainty[self.measure] < self.threshold:  # false for NaN too: what is not known to be sure is unsure
             return Choice(self.noise.added_to(mean), Actor.AGENT, uncertainty)
         return Choice(self.expert(observation), Actor.EXPERT, uncertainty)
+
+    def state(self) -> dict[str, Any]:
+        """Nothing to keep."""
+        return {}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Nothing to go on from."""

@@ -11,7 +11,7 @@ from safetensors.torch import save_file
 from torch import Tensor
 
 FORMAT = "rled-checkpoint"
-VERSION = 2
+VERSION = 3
 
 
 class CheckpointError(RledError):

@@ -34,8 +34,9 @@ def require_ranges(settings: Any, ranges: Mapping[str, tuple[float, float]]) -> 
 class BehaviourConfig:
     """Who acts while learning."""
 
-    name: Literal["biased", "gate"] = "biased"
-    """biased: the expert drives an episode with probability phi; gate: it acts where the actor is unsure"""
+    name: Literal["biased", "gate", "jump_start", "proposal"] = "biased"
+    """biased: the expert drives an episode with probability phi; gate: it acts where the actor is unsure; jump_start:
+    it begins each episode (JSRL); proposal: it acts where the critics prefer its action (IBRL)"""
     phi: float = 0.1
     """probability of policy reuse Φ (Eq. 4.11); 0 is pure TD3"""
     threshold: float = 1e-3
@@ -46,6 +47,10 @@ class BehaviourConfig:
     """N, stochastic passes of the actor; only an actor with dropout is asked for its uncertainty"""
     noise: float = 0.1
     """δ, deviation of the exploration noise, in halves of the action range"""
+    guide_steps: int = 60
+    """jump_start: steps of an episode in which the expert acts, at first"""
+    guide_until: int = 50_000
+    """jump_start: environment steps after which it acts no more; until then its steps fall linearly"""
 
 
 @dataclass(frozen=True)
@@ -64,6 +69,8 @@ class ScheduleConfig:
     """transitions in a gradient step"""
     expert_share: float = 0.0
     """share of each batch that is drawn from the demonstrations instead of the replay"""
+    preload: int = 0
+    """demonstrated transitions put into the replay before the first step"""
     capacity: int = 1_000_000
     """transitions kept for replay"""
     evaluate_every: int = 5_000
@@ -138,18 +145,22 @@ RANGES: dict[str, tuple[float, float]] = {
     "behaviour.threshold": (0, MANY),
     "behaviour.passes": (2, 10_000),
     "behaviour.noise": (0, 10),
+    "behaviour.guide_steps": (0, MANY),
+    "behaviour.guide_until": (1, MANY),
     "schedule.steps": (1, MANY),
     "schedule.train_after": (1, MANY),
     "schedule.train_every": (1, MANY),
     "schedule.gradient_steps": (0, MANY),
     "schedule.batch_size": (1, 1_000_000),
     "schedule.expert_share": (0, 1),
+    "schedule.preload": (0, 1e8),
     "schedule.capacity": (1, 1e9),
     "schedule.evaluate_every": (1, MANY),
     "schedule.evaluation_episodes": (1, 100_000),
     "schedule.log_every": (1, MANY),
     "schedule.checkpoint_every": (1, MANY),
     "learner.gamma": (0, 1),
+    "learner.reward_scale": (0, MANY),
     "learner.actor_rate": (0, 1),
     "learner.critic_rate": (0, 1),
     "learner.rate_decay": (0, MANY),

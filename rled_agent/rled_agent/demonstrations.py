@@ -200,8 +200,12 @@ class RecordedTrajectories:
         return RecordedTrajectories(self.task, self.observations[chosen], self.actions[chosen], self.trajectory[chosen])
 
 
-def demonstration_points(bag: Bag) -> DemonstrationPoints:
+def demonstration_points(bag: Bag, count: int = 0) -> DemonstrationPoints:
     """Read ζᵃ from a bag's marks, those in discarded episodes less.
+
+    Args:
+        bag: a recording.
+        count: take only so many of them, evenly spaced in the order of the marks; 0 takes all.
 
     Raises:
         DemonstrationError: fewer than two points.
@@ -212,15 +216,18 @@ def demonstration_points(bag: Bag) -> DemonstrationPoints:
     stamps, of_joints, of_poses = np.intersect1d(joints.stamps, poses.stamps, return_indices=True)
     kept = ~_lie_in(stamps, [(first, last + 1) for first, last in discarded(bag)])
     of_joints, of_poses = of_joints[kept], of_poses[kept]
+    if 0 < count < len(of_joints):
+        spaced = np.linspace(0, len(of_joints) - 1, count).round().astype(np.int64)
+        of_joints, of_poses = of_joints[spaced], of_poses[spaced]
     if len(of_joints) < 2:
         raise DemonstrationError(f"the bag holds {len(of_joints)} marked points", "2 or more", "record with marks")
     return DemonstrationPoints(poses.position[of_poses], joints.ordered(bag.task.joint_names).position[of_joints])
 
 
-def joined_points(bag: Bag) -> JoinedPoints:
-    """ζᵇ in closed form from a bag's ζᵃ and its robot description."""
+def joined_points(bag: Bag, count: int = 0) -> JoinedPoints:
+    """ζᵇ in closed form from a bag's ζᵃ, or ``count`` points of it, and its robot description."""
     chain = Chain.from_urdf(bag.robot_description, bag.task.tip_link, bag.task.joint_names)
-    return JoinedPoints(bag.task, demonstration_points(bag), chain)
+    return JoinedPoints(bag.task, demonstration_points(bag, count), chain)
 
 
 def recorded_trajectories(bag: Bag, chosen: Episodes | None = None) -> RecordedTrajectories:
@@ -263,7 +270,11 @@ def recorded_trajectories(bag: Bag, chosen: Episodes | None = None) -> RecordedT
 
 
 def open_demonstrations(
-    path: Path, source: str, min_quality: float = 0.0, say: Callable[[str], None] = lambda _: None
+    path: Path,
+    source: str,
+    min_quality: float = 0.0,
+    say: Callable[[str], None] = lambda _: None,
+    points: int = 0,
 ) -> Demonstrations:
     """Open a bag's demonstrations.
 
@@ -272,6 +283,7 @@ def open_demonstrations(
         source: ``points`` (ζᵇ in closed form) or ``trajectories`` (as recorded).
         min_quality: least quality of an episode, for ``trajectories`` only.
         say: takes a line for each part that is left out.
+        points: take only so many marked points, 0 for all; for ``points`` only.
 
     Raises:
         RledError: the bag is damaged or faulty, or holds nothing of the kind.
@@ -281,7 +293,9 @@ def open_demonstrations(
         if min_quality > 0.0:
             raise DemonstrationError(f"--min-quality {min_quality:g} with --source points", "--source trajectories")
         select_points(bag, say)
-        return joined_points(bag)
+        return joined_points(bag, points)
+    if points:
+        raise DemonstrationError(f"--points {points} with --source trajectories", "--source points")
     return recorded_trajectories(bag, select_episodes(bag, min_quality, say))
 
 

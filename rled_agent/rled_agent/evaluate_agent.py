@@ -19,17 +19,21 @@ from rled_sim.tasks import reach_task
 
 from rled_agent.config import MANY, SEEDS, require_ranges
 from rled_agent.demonstrations import demonstration_points
-from rled_agent.evaluation import Band, Motion, Score, move, score, seen_band, unseen_band
+from rled_agent.evaluation import Band, Course, Motion, Score, course, move, score, seen_band, unseen_band
 from rled_agent.plots import Floats, draw_tool_paths
 from rled_agent.policy import Policy, load_policy
 from rled_agent.progress import Progress
+
+DRAWN = 20
+"""Motions of a band that are drawn and kept."""
 
 
 @dataclass(frozen=True)
 class Options:
     """Compare policies on demonstrated targets and on others ever farther away.
 
-    Writes evaluation.json and a picture of the paths in each band into the output folder, and prints a table.
+    Writes evaluation.json, motions.json and a picture of the paths in each band into the output folder, and prints a
+    table.
     """
 
     bag: Path
@@ -64,19 +68,24 @@ def main() -> None:
         policies["agent"] = load_policy(options.agent)
     for name, policy in policies.items():
         bag.task.require_same_robot(policy.task, name)
-    results = _evaluate(bag, policies, options)
+    results, motions = _evaluate(bag, policies, options)
     _print_table(results)
+    write_whole(options.output / "motions.json", json.dumps(motions) + "\n")
     plain = {band: {name: _plain(value) for name, value in row.items()} for band, row in results.items()}
     write_whole(options.output / "evaluation.json", json.dumps(plain, indent=2) + "\n")
     print(f"wrote {options.output}")
 
 
-def _evaluate(bag: Bag, policies: Mapping[str, Policy], options: Options) -> dict[str, dict[str, Score]]:
+def _evaluate(
+    bag: Bag, policies: Mapping[str, Policy], options: Options
+) -> tuple[dict[str, dict[str, Score]], dict[str, dict[str, list[Course]]]]:
+    """Scores of each policy in each band, and the course of the motions that are drawn."""
     task = bag.task
     chain = Chain.from_urdf(bag.robot_description, task.tip_link, task.joint_names)
     risky = reach_task(robot_named(task.robot)).risky
     known = demonstration_points(bag).positions
     results: dict[str, dict[str, Score]] = {}
+    courses: dict[str, dict[str, list[Course]]] = {}
     bands = _bands(bag, chain, options)
     with Progress("band", len(bands)) as progress:
         for done, band in enumerate(bands, start=1):
@@ -85,7 +94,8 @@ def _evaluate(bag: Bag, policies: Mapping[str, Policy], options: Options) -> dic
             _draw(options.output / f"paths_{band.name.replace(' ', '_')}.png", band, known, motions, task)
             progress.say(done, {f"success of {name}": each.success for name, each in row.items()})
             results[band.name] = row
-    return results
+            courses[band.name] = {name: [course(motion) for motion in each[:DRAWN]] for name, each in motions.items()}
+    return results, courses
 
 
 def _bands(bag: Bag, chain: Chain, options: Options) -> list[Band]:
@@ -97,10 +107,10 @@ def _bands(bag: Bag, chain: Chain, options: Options) -> list[Band]:
 
 
 def _draw(path: Path, band: Band, known: Floats, motions: Mapping[str, list[Motion]], task: TaskDescription) -> None:
-    paths = {name: [motion.positions for motion in each[:20]] for name, each in motions.items()}
+    paths = {name: [motion.positions for motion in each[:DRAWN]] for name, each in motions.items()}
     plane = (0, 1) if len(task.axes) == 2 else (1, 2)
-    title = f"{task.robot}: targets {band.name}, {len(band.targets[:20])} of {len(band.targets)}"
-    goals = band.targets[:20]
+    title = f"{task.robot}: targets {band.name}, {len(band.targets[:DRAWN])} of {len(band.targets)}"
+    goals = band.targets[:DRAWN]
     draw_tool_paths(path, ("demonstrated points", known), goals, paths, plane, task.tolerance**0.5, title)
 
 

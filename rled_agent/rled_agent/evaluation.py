@@ -47,6 +47,18 @@ class Motion:
     target: Floats
 
 
+class Course(NamedTuple):
+    """A motion step by step, as plain numbers.
+
+    Attributes:
+        distance: from the target (m), at the start and after each step.
+        change: ‖Δq_t − Δq_{t−1}‖ (rad), from the second step on.
+    """
+
+    distance: list[float]
+    change: list[float]
+
+
 class Score(NamedTuple):
     """A policy in a band.
 
@@ -143,6 +155,13 @@ def move(task: TaskDescription, chain: Chain, act: Act, band: Band, steps: int) 
         Motion(bool(reached[k]), all_positions[k, : end + 1], all_joints[k, : end + 1], band.targets[k])
         for k, end in enumerate(ends)
     ]
+
+
+def course(motion: Motion) -> Course:
+    """What of a motion shows how smooth it is, to a tenth of a millimetre and of a milliradian."""
+    distance = np.linalg.norm(motion.positions - motion.target, axis=1)
+    change = np.linalg.norm(np.diff(motion.joints, n=2, axis=0), axis=1)
+    return Course(distance.round(4).tolist(), change.round(4).tolist())
 
 
 def score(

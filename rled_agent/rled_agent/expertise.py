@@ -36,14 +36,16 @@ def no_expertise(env: Environment, config: TrainConfig) -> Expertise:
     Raises:
         RledError: the settings ask for an expert.
     """
-    if config.behaviour.name == "gate" or config.behaviour.phi > 0 or config.schedule.expert_share > 0:
+    schedule = config.schedule
+    alone = config.behaviour.name == "biased" and not config.behaviour.phi and not config.learner.expert_bootstrap
+    if not alone or schedule.expert_share or schedule.preload:
         raise RledError("these settings need an expert", "--bag and --expert", "or --behaviour.phi 0")
     scaling = scaling_of_bounds(bounds(env.observation_space), bounds(env.action_space))
     return Expertise(None, None, scaling)
 
 
-def read_expertise(env: Environment, bag: Bag, expert: Path, config: TrainConfig) -> Expertise:
-    """The expert of a bag and a weights file.
+def read_expertise(env: Environment, bag: Bag, expert: Path, config: TrainConfig, points: int = 0) -> Expertise:
+    """The expert of a bag, or of so many of its marked points, and a weights file.
 
     Raises:
         RledError: bag, weights and environment are not of one robot and task.
@@ -54,7 +56,7 @@ def read_expertise(env: Environment, bag: Bag, expert: Path, config: TrainConfig
     policy = load_policy(expert)
     task.require_same_robot(bag.task, "the bag")
     task.require_same_robot(policy.task, "the expert")
-    demonstrations = replace(joined_points(bag), task=task)
+    demonstrations = replace(joined_points(bag, points), task=task)
     scaling = scaling_of_points(task, demonstrations.points.positions, demonstrations.points.joints)
     rows = ExpertRows(demonstrations, scaling)
     return Expertise(policy_source(policy, scaling), rows, scaling)

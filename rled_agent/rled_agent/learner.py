@@ -1,5 +1,6 @@
 """DDPG (Algorithm 1) and TD3 (Eq. 4.1-4.9) as one update with options."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -14,6 +15,8 @@ from rled_agent.memory import Rows
 from rled_agent.networks import Network
 from rled_agent.replay import Batch
 
+Expert = Callable[[NDArray[np.float32]], NDArray[np.float32]]
+
 
 @dataclass(frozen=True)
 class LearnerConfig:
@@ -21,6 +24,7 @@ class LearnerConfig:
 
     Attributes:
         gamma: discount γ.
+        reward_scale: factor on rewards before they are learned from; critics of values near 1 settle soonest.
         actor_rate: learning rate α_a.
         critic_rate: learning rate α_c.
         rate_decay: β of α_k = α/(1 + k/β) in gradient steps k (Theorem 5); 0 keeps the rate constant.
@@ -31,12 +35,14 @@ class LearnerConfig:
         target_clip: c, bound of that noise.
         target_dropout: the target actor drops units too.
         cloning_weight: weight of the cloning error on a batch's demonstrated rows, beside Q over its mean size.
+        expert_bootstrap: the target takes the expert's action where the target critics prefer it (IBRL).
         q_filter: clone only where the critic holds the demonstrated action for the better one (Nair et al., 2018).
         actor: hidden part of the actor.
         critic: hidden part of each critic.
     """
 
     gamma: float = 0.99
+    reward_scale: float = 1.0
     actor_rate: float = 1e-3
     critic_rate: float = 1e-3
     rate_decay: float = 0.0
@@ -48,6 +54,7 @@ class LearnerConfig:
     target_dropout: bool = False
     cloning_weight: float = 0.0
     q_filter: bool = True
+    expert_bootstrap: bool = False
     actor: Architecture = field(default_factory=Architecture)
     critic: Architecture = field(default_factory=Architecture)
 
@@ -104,12 +111,18 @@ class Learner:
         action_size: n.
         config: settings.
         generator: draws weights, target noise and dropped units.
+        expert: normalised actions (b, n) for normalised observations (b, o), for ``expert_bootstrap``.
     """
 
     def __init__(
-        self, observation_size: int, action_size: int, config: LearnerConfig, generator: torch.Generator
+        self,
+        observation_size: int,
+        action_size: int,
+        config: LearnerConfig,
+        generator: torch.Generator,
+        expert: Expert | None = None,
     ) -> None:
-        self.config, self.generator = config, generator
+        self.config, self.generator, self._expert = config, generator, expert
         self.updates = 0
         self._sizes = observation_size, action_size
         self._memory: dict[int, tuple[Inputs, Inputs]] = {}
@@ -154,7 +167,11 @@ class Learner:
             noise = after.noise.normal_(0.0, config.target_noise, generator=self.generator)
             after.action.add_(noise.clamp_(-config.target_clip, config.target_clip)).clamp_(-1.0, 1.0)
         q = self.target_critic.forward(after.critic).amin(dim=0)  # (b, 1)
-        return torch.add(batch.reward, q, alpha=config.gamma).lerp_(batch.reward, batch.terminated).numpy()
+        if config.expert_bootstrap and self._expert is not None:
+            after.action[0].copy_(torch.from_numpy(self._expert(batch.next_observation.numpy())))
+            q = torch.maximum(q, self.target_critic.forward(after.critic).amin(dim=0))
+        reward = batch.reward * config.reward_scale
+        return torch.add(reward, q, alpha=config.gamma).lerp_(reward, batch.terminated).numpy()
 
     def _update_actor(self, batch: Batch, before: Inputs) -> None:
         self.actor.forward(before.actor, self.generator, before.action)
@@ -180,6 +197,11 @@ class Learner:
     def _update_targets(self) -> None:
         self.target_critic.parameters.lerp_(self.critic.parameters, self.config.tau)  # Eq. 4.7
         self.target_actor.parameters.lerp_(self.actor.parameters, self.config.tau)  # Eq. 4.9
+
+    def value(self, observation: NDArray[np.float32], action: NDArray[np.float32]) -> float:
+        """The lesser value of the target critics of one observation, shape (o,), and action, shape (n,)."""
+        pair = torch.from_numpy(np.concatenate([observation, action]))[None]
+        return float(self.target_critic.forward(pair).amin())
 
     def networks(self) -> dict[str, Network]:
         """Networks by name."""

@@ -18,8 +18,9 @@ from rled_agent.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
 class RunDirectory:
     """Files of one run.
 
-    ``config.json`` (settings, bag, versions), ``metrics.csv`` (a row an interval), TensorBoard events,
-    ``checkpoint.safetensors`` (the last good one) and, for this project's robots, ``policy.safetensors``.
+    ``config.json`` (settings, bag, versions), ``expert.json`` (what the expert comes to in an evaluation),
+    ``metrics.csv`` (a row an interval), TensorBoard events, ``checkpoint.safetensors`` (the last good one) and, for
+    this project's robots, ``policy.safetensors``.
     """
 
     def __init__(self, path: Path) -> None:
@@ -40,6 +41,10 @@ class RunDirectory:
             raise RledError(f"{self.path} holds a run already", "a new --output", "or continue it with --resume")
         record = config | {"git": _git_revision(), "python": platform.python_version(), "torch": torch.__version__}
         write_whole(self.config_path, json.dumps(record, indent=2) + "\n")
+
+    def write_expert(self, result: dict[str, float]) -> None:
+        """Keep what the expert alone comes to in the episodes of an evaluation."""
+        write_whole(self.path / "expert.json", json.dumps(result, indent=2) + "\n")
 
     def config(self) -> dict[str, Any]:
         """The settings that ``create`` wrote.

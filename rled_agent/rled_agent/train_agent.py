@@ -18,7 +18,7 @@ from rled_msgs_py.stopping import stop_requested
 from rled_msgs_py.task import TaskDescription
 from torch.utils.tensorboard import SummaryWriter
 
-from rled_agent.config import TrainConfig
+from rled_agent.config import MANY, TrainConfig, require_ranges
 from rled_agent.demonstrations import demonstration_points
 from rled_agent.environments import Environment, make_environment, task_of
 from rled_agent.expertise import Expertise, no_expertise, read_expertise
@@ -41,6 +41,8 @@ class Options:
     """demonstrations: rosbag2 folder or .mcap file; its marked points are where episodes start"""
     expert: Path | None = None
     """weights that train_expert wrote"""
+    points: int = 0
+    """take only so many of the marked points, evenly spaced in the order of the marks; 0 takes all"""
     over: Literal["process", "graph"] = "process"
     """process: the environment in this process; graph: a running sim_node, in lockstep, over ROS 2 topics"""
     resume: bool = False
@@ -72,6 +74,7 @@ def main() -> None:
     options = tyro.extras.overridable_config_cli(presets, prog="train_agent")
     torch.set_num_threads(1)
     torch.set_flush_denormal(True)
+    require_ranges(options, {"points": (0, MANY)})
     directory = RunDirectory(options.output)
     with _environments(options) as (env, evaluation_env, expertise):
         trainer = Trainer(env, evaluation_env, options.config, expertise)
@@ -82,13 +85,16 @@ def main() -> None:
 
 
 def _record(options: Options) -> dict[str, Any]:
-    demonstrations = {"bag": str(options.bag), "expert": str(options.expert), "over": options.over}
+    files = {"bag": str(options.bag), "expert": str(options.expert)}
+    demonstrations = files | {"points": options.points, "over": options.over}
     return {"config": options.config.to_dict(), "demonstrations": demonstrations}
 
 
 def _open_run(directory: RunDirectory, options: Options, trainer: Trainer) -> None:
     if not options.resume:
         directory.create(_record(options))
+        if trainer.expertise.source is not None:
+            directory.write_expert(trainer.evaluate_source(trainer.expertise.source))
         return
     before, now = _flat(directory.config()), _flat(_record(options))
     changed = [name for name, value in now.items() if before.get(name) != value and name != "config.schedule.steps"]
@@ -110,10 +116,10 @@ def _flat(values: dict[str, Any], prefix: str = "") -> dict[str, Any]:
 @contextlib.contextmanager
 def _environments(options: Options) -> Iterator[tuple[Environment, Environment, Expertise]]:
     bag = Bag(options.bag) if options.bag else None
-    starts: NDArray[np.float64] | None = demonstration_points(bag).joints if bag else None
+    starts: NDArray[np.float64] | None = demonstration_points(bag, options.points).joints if bag else None
     evaluation_env = make_environment(options.config, starts)
     if bag is not None and options.expert is not None:
-        expertise = read_expertise(evaluation_env, bag, options.expert, options.config)
+        expertise = read_expertise(evaluation_env, bag, options.expert, options.config, options.points)
     else:
         expertise = no_expertise(evaluation_env, options.config)
     env = _training_environment(options, starts, task_of(evaluation_env))

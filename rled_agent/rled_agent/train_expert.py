@@ -13,7 +13,7 @@ import tyro
 from rled_msgs_py.errors import RledError, command_line
 from rled_msgs_py.files import write_whole
 
-from rled_agent.config import SEEDS, require_ranges
+from rled_agent.config import MANY, SEEDS, require_ranges
 from rled_agent.demonstrations import open_demonstrations
 from rled_agent.expert import CurvePoint, ExpertConfig, clone_expert
 from rled_agent.plots import draw_learning_curve
@@ -35,6 +35,8 @@ class Options:
     """folder for the results"""
     source: Literal["points", "trajectories"] = "points"
     """points: every pair of marked points, joined in closed form; trajectories: the motions as recorded"""
+    points: int = 0
+    """points only: take so many of them, evenly spaced in the order of the marks; 0 takes all"""
     min_quality: float = 0.0
     """trajectories only: leave out episodes with a lower score, 0 to 1, as demos info shows it"""
     seed: int = 0
@@ -47,10 +49,10 @@ class Options:
 def main() -> None:
     """Run the command."""
     options = tyro.cli(Options, prog="train_expert")
-    require_ranges(options, {"seed": SEEDS, "min_quality": (0.0, 1.0)})
+    require_ranges(options, {"seed": SEEDS, "min_quality": (0.0, 1.0), "points": (0, MANY)})
     torch.set_num_threads(1)
     bag = _bag(options)
-    demonstrations = open_demonstrations(bag, options.source, options.min_quality, print)
+    demonstrations = open_demonstrations(bag, options.source, options.min_quality, print, options.points)
     print(f"{len(demonstrations):,} demonstrated transitions of robot {demonstrations.task.robot}")
     generator = np.random.default_rng(options.seed)
     with Progress("step", options.expert.steps) as progress:
@@ -64,6 +66,7 @@ def main() -> None:
     summary = {
         "bag": str(bag),
         "source": options.source,
+        "points": options.points,
         "min_quality": options.min_quality,
         "transitions": len(demonstrations),
         "expert_val_mse": curve[-1].validation,

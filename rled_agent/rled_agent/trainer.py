@@ -8,7 +8,7 @@ import torch
 from numpy.typing import NDArray
 from rled_msgs_py.errors import RledError
 
-from rled_agent.behaviour import Behaviour, BiasedExploration, MonteCarloGate, Noise, actor_source
+from rled_agent.behaviour import Behaviour, BiasedExploration, MonteCarloGate, Noise, Source, actor_source
 from rled_agent.checkpoint import Checkpoint
 from rled_agent.config import TrainConfig
 from rled_agent.environments import Elsewhere, Environment
@@ -16,6 +16,7 @@ from rled_agent.expertise import Expertise
 from rled_agent.interval import Interval
 from rled_agent.learner import Learner
 from rled_agent.learning_state import pack, unpack
+from rled_agent.peer_behaviour import JumpStart, Proposal
 from rled_agent.replay import Batch, Replay
 from rled_agent.rollout import EpisodeResult, mean_result, roll_out
 from rled_agent.uncertainty import MonteCarlo
@@ -46,8 +47,10 @@ class Trainer:
         self.generator = np.random.default_rng(config.seed)
         torch_generator = torch.Generator().manual_seed(int(self.generator.integers(2**63)))
         sizes = len(expertise.scaling.observation_scale), len(expertise.scaling.action_scale)
-        self.learner = Learner(*sizes, config.learner, torch_generator)
+        self.learner = Learner(*sizes, config.learner, torch_generator, expertise.source)
         self.replay = Replay(*sizes, config.schedule.capacity)
+        if config.schedule.preload and expertise.rows is not None:
+            self.replay.extend(expertise.rows.sample(config.schedule.preload, self.generator).numpy())
         self.behaviour = self._make_behaviour()
         self.interval = Interval()
         self._begin_episode(int(self.generator.integers(SEEDS)))
@@ -58,6 +61,8 @@ class Trainer:
         unsure = None
         if self.config.learner.actor.dropout:
             unsure = MonteCarlo(self.learner.actor, settings.passes, self.generator)
+        if settings.name in ("jump_start", "proposal"):
+            return self._make_peer(noise)
         if settings.name == "biased":
             return BiasedExploration(
                 actor_source(self.learner.actor), source, noise, settings.phi, self.generator, unsure
@@ -66,6 +71,14 @@ class Trainer:
             lacks = "demonstrations" if source is None else "dropout in the actor"
             raise RledError(f"the Monte-Carlo gate lacks {lacks}", "", "give --bag and learner.actor.dropout > 0")
         return MonteCarloGate(unsure, source, noise, settings.threshold, settings.measure)
+
+    def _make_peer(self, noise: Noise) -> Behaviour:
+        settings, actor, expert = self.config.behaviour, actor_source(self.learner.actor), self.expertise.source
+        if expert is None:
+            raise RledError(f"behaviour {settings.name} lacks demonstrations", "", "give --bag and --expert")
+        if settings.name == "proposal":
+            return Proposal(actor, expert, noise, self.learner.value)
+        return JumpStart(actor, expert, noise, settings.guide_steps, settings.guide_until)
 
     def _begin_episode(self, seed: int) -> None:
         self._episode_seed, self._episode_actions = seed, list[NDArray[np.float32]]()
@@ -125,7 +138,11 @@ class Trainer:
 
     def evaluate(self) -> dict[str, float]:
         """Mean result of the actor without noise or dropout, on the same episodes every time."""
-        act, scaling = actor_source(self.learner.actor), self.expertise.scaling
+        return self.evaluate_source(actor_source(self.learner.actor))
+
+    def evaluate_source(self, act: Source) -> dict[str, float]:
+        """Mean result of any map of normalised observations to actions, on those episodes."""
+        scaling = self.expertise.scaling
 
         def physical(observation: NDArray[Any]) -> NDArray[np.float32]:
             return scaling.denormalize_action(act(scaling.normalize_observation(observation))).astype(np.float32)
@@ -142,9 +159,8 @@ class Trainer:
             "step": self.step,
             "behaviour_generator": self.generator.bit_generator.state,
             "episode_seed": self._episode_seed,
+            "behaviour": self.behaviour.state(),
         }
-        if isinstance(self.behaviour, BiasedExploration):
-            state["expert_episode"] = self.behaviour.expert_episode
         return Checkpoint(tensors, state)
 
     def restore(self, checkpoint: Checkpoint) -> None:
@@ -160,5 +176,4 @@ class Trainer:
             *_, self._observation = self._transition(action)
         self.step = state["step"]
         self.generator.bit_generator.state = state["behaviour_generator"]
-        if isinstance(self.behaviour, BiasedExploration):
-            self.behaviour.expert_episode = state["expert_episode"]
+        self.behaviour.restore(state["behaviour"])

@@ -104,7 +104,7 @@ class Children:
             RledError: there is no such program.
         """
         assignments = [f"{key}={shlex.quote(value)}" for key, value in (env or {}).items()]
-        print("$", *assignments, shlex.join(command), flush=True)
+        print(" ".join(["$", *assignments, shlex.join(command)]) + "\n", end="", flush=True)  # whole beside others
         child = Child(_name(command), _spawn(command, env or {}, capture))
         self._children.append(child)
         if child.process.stdout is not None:

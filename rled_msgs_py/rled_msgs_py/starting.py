@@ -1,34 +1,35 @@
 """How the commands of all packages start: Ctrl-C ends them cleanly while their imports are still under way.
 
-``setup.py`` names a command as ``rled_msgs_py.starting:PACKAGE.MODULE``. This file imports next to nothing, so that it
-is soon there, and then the module, which may take seconds.
+``setup.py`` names a command as ``rled_msgs_py.starting:MODULE``, with dots and all. This file imports next to nothing,
+so that it is soon there, and then the module, which may take seconds.
 """
 
 import os
 import signal
 import sys
-from collections.abc import Callable
-from functools import partial
 from importlib import import_module
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as shells have it."""
 
 
-class _Package:
-    """A package's commands by the names of their modules."""
+class _Module:
+    """A module by its name; called, it starts the command that it is."""
 
     def __init__(self, name: str) -> None:
         self._name = name
 
-    def __getattr__(self, module: str) -> Callable[[], None]:
-        return partial(_start, f"{self._name}.{module}")
+    def __getattr__(self, part: str) -> "_Module":
+        return _Module(f"{self._name}.{part}")
+
+    def __call__(self) -> None:
+        _start(self._name)
 
 
-def __getattr__(name: str) -> _Package:
+def __getattr__(name: str) -> _Module:
     if not name.startswith("rled_"):
         raise AttributeError(name)
-    return _Package(name)
+    return _Module(name)
 
 
 def _start(module: str) -> None:

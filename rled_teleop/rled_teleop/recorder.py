@@ -41,7 +41,7 @@ from rled_teleop.recent import Recent
 from rled_teleop.record_params import RecordParams, extra_topics
 
 REPORT_PERIOD = 1.0  # s, on /diagnostics
-HISTORY = 1000
+HISTORY = 10_000
 """Messages of a topic that wait for the recorder when it is held up."""
 DESCRIPTIONS = (ROBOT_DESCRIPTION, TASK_DESCRIPTION)
 TICKING = (*STATE_TOPICS, JOINT_DELTA, HUMAN_JOINT_DELTA)  # whose messages belong to a tick

@@ -28,7 +28,7 @@ SCHEDULE |= {"checkpoint-every": 100, "evaluate-every": 300, "evaluation-episode
 SMALL = [word for name, value in SCHEDULE.items() for word in (f"--schedule.{name}", str(value))]
 SMALL += ["--behaviour.passes", "6", "--learner.actor.hidden", "16", "16", "--learner.critic.hidden", "16", "16"]
 PENDULUM = ["pendulum", *SMALL]
-FILES = {"checkpoint.safetensors", "config.json", "metrics.csv", "policy.safetensors"}
+FILES = {"expert.json", "checkpoint.safetensors", "config.json", "metrics.csv", "policy.safetensors"}
 
 
 @pytest.fixture
@@ -119,7 +119,8 @@ def test_a_run_is_a_directory(train, planar, planar_bag, planar_expert, tmp_path
     record = json.loads((output / "config.json").read_text())
     assert record["config"]["learner"]["actor"]["hidden"] == [16, 16]
     assert record["config"]["behaviour"]["name"] == "gate"
-    assert record["demonstrations"] == {"bag": str(planar_bag), "expert": str(planar_expert), "over": "process"}
+    files = {"bag": str(planar_bag), "expert": str(planar_expert)}
+    assert record["demonstrations"] == files | {"points": 0, "over": "process"}
     assert {"git", "python", "torch"} < record.keys()
     table = rows(output)
     assert [row["step"] for row in table] == [*range(50, 601, 50), 620]

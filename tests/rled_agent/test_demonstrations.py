@@ -253,3 +253,17 @@ def test_recorded_transitions_are_drawn_with_equal_weight(planar_bag):
     _, counts = np.unique(drawn.observations, axis=0, return_counts=True)
     assert len(counts) == len(recorded)
     assert np.square(counts - 100).sum() / 100 < len(recorded) + 5 * np.sqrt(2 * len(recorded))
+
+
+def test_so_many_of_the_marked_points_are_taken_evenly(planar_bag):
+    every, few = (demonstration_points(Bag(planar_bag), count) for count in (0, 3))
+    middle = (len(every.joints) - 1) // 2
+    np.testing.assert_array_equal(few.joints[[0, 2]], every.joints[[0, -1]])
+    assert any(np.array_equal(few.joints[1], every.joints[k]) for k in (middle, middle + 1))
+    np.testing.assert_array_equal(demonstration_points(Bag(planar_bag), 10**6).joints, every.joints)
+    assert len(joined_points(Bag(planar_bag), 3)) < len(joined_points(Bag(planar_bag)))
+
+
+def test_points_are_counted_of_points_only(planar_bag):
+    with pytest.raises(DemonstrationError, match="--points 3 with --source trajectories"):
+        open_demonstrations(planar_bag, "trajectories", points=3)

@@ -1,5 +1,6 @@
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 from rled_agent.architecture import Architecture
@@ -73,8 +74,8 @@ class Reference:
                 a = torch.clamp(a + torch.clamp(noise, -config.target_clip, config.target_clip), -1, 1)
             x = torch.cat([batch.next_observation, a], dim=1)
             q = torch.stack([self.net("target_critic", x, member) for member in range(config.critics)])
-            lesser = q.min(dim=0).values
-            return torch.where(batch.terminated > 0, batch.reward, batch.reward + config.gamma * lesser)
+            lesser, reward = q.min(dim=0).values, config.reward_scale * batch.reward
+            return torch.where(batch.terminated > 0, reward, reward + config.gamma * lesser)
 
     def step(self, adam: torch.optim.Adam, loss: Tensor, rate: float) -> None:
         for group in adam.param_groups:
@@ -123,6 +124,7 @@ class Reference:
     [
         pytest.param(DDPG, 0, id="ddpg"),
         pytest.param(TD3, 0, id="td3"),
+        pytest.param(replace(TD3, reward_scale=0.125), 0, id="td3-scaled-rewards"),
         pytest.param(replace(TD3, delay=3, rate_decay=4.0), 0, id="td3-decaying-rates"),
         pytest.param(replace(DDPG, rate_decay=4.0), 0, id="ddpg-decaying-rates"),
         pytest.param(replace(TD3, actor=replace(SMALL, dropout=0.3)), 0, id="td3-actor-dropout"),
@@ -191,6 +193,23 @@ def test_target_values_the_action_of_the_target_actor():
     learner = linear(gamma=1.0)
     set_target(learner, (1.0, 0.25), (0.0, 10.0, 0.0), (0.0, 10.0, 5.0))
     assert y(learner, 5.0, False, 0.5) == pytest.approx(5.0 + 10.0 * 0.6351489523872873)  # tanh(0.75)
+
+
+def test_the_experts_action_counts_where_the_target_critics_prefer_it():
+    learner = linear(gamma=1.0, expert_bootstrap=True)
+    learner._expert = lambda following: 0.5 * following
+    set_target(learner, (0.0, 0.25), (0.0, 10.0, 0.0), (0.0, 10.0, 0.0))
+    own = 10.0 * 0.24491866240370913  # tanh(0.25)
+    assert y(learner, 5.0, False, 0.4) == pytest.approx(5.0 + own)  # the expert's 0.2 is worth 2
+    assert y(learner, 5.0, False, 0.8) == pytest.approx(5.0 + 4.0)
+    assert y(learner, 5.0, True, 0.8) == pytest.approx(5.0)
+
+
+def test_a_pair_is_worth_what_the_lesser_target_critic_says():
+    learner = linear()
+    set_target(learner, (0.0, 0.0), (2.0, 3.0, 1.0), (-1.0, 4.0, 1.5))
+    value = learner.value(np.array([0.5], np.float32), np.array([-1.0], np.float32))
+    assert value == pytest.approx(min(2.0 * 0.5 - 3.0 + 1.0, -0.5 - 4.0 + 1.5))
 
 
 def test_no_value_follows_a_terminated_transition():

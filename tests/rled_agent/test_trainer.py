@@ -36,7 +36,21 @@ SHARED = replace(
     schedule=replace(SCHEDULE, expert_share=0.25),
     learner=replace(DROPPING, cloning_weight=1.0, rate_decay=100.0, target_dropout=True),
 )
-CONFIGS = {"biased": BIASED, "gated": GATED, "plain": PLAIN, "shared": SHARED}
+JUMP_START = replace(PLAIN, behaviour=BehaviourConfig(name="jump_start", guide_steps=9, guide_until=200))
+PROPOSAL = replace(
+    PLAIN,
+    behaviour=BehaviourConfig(name="proposal"),
+    schedule=replace(SCHEDULE, preload=30),
+    learner=replace(LEARNER, expert_bootstrap=True),
+)
+CONFIGS = {
+    "jump_start": JUMP_START,
+    "proposal": PROPOSAL,
+    "biased": BIASED,
+    "gated": GATED,
+    "plain": PLAIN,
+    "shared": SHARED,
+}
 
 
 @pytest.fixture(scope="module")

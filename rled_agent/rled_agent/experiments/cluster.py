@@ -1,0 +1,90 @@
+"""Runs on a Ray cluster: what a run needs goes there, its files come back, and a lost worker's runs are begun again."""
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from threading import Event
+from typing import Any
+
+from rled_msgs_py.errors import RledError
+
+from rled_agent.experiments.execution import Stopped, execute
+from rled_agent.experiments.experiment import Run
+
+LOOK = 0.5
+"""Seconds between two looks at a run, and at the request to stop."""
+WEIGHTS_AND_FIGURES = (".safetensors", ".json", ".csv")
+NOT_NEEDED = "checkpoint.safetensors"
+
+
+class Cluster:
+    """Makes runs on the nodes of a Ray cluster, each on one processor.
+
+    The project lies at the same path on every node, set up by ``make setup``; the folder of runs need not be shared,
+    but if it is, a run that was lost goes on from its checkpoint.
+
+    Args:
+        address: of the cluster, as ``auto`` or ``ray://host:10001``.
+        root: folder of all runs, here and there.
+        stop: set to end early.
+
+    Raises:
+        RledError: Ray is not installed, or there is no cluster.
+    """
+
+    def __init__(self, address: str, root: Path, stop: Event) -> None:
+        try:
+            import ray
+        except ImportError:
+            raise RledError("Ray is not installed", "", "pip install 'ray[default]'") from None
+        self._ray, self._root, self._stop = ray, root, stop
+        try:
+            ray.init(address=address, log_to_driver=False, logging_level="ERROR", ignore_reinit_error=True)
+        except (ConnectionError, ValueError, RuntimeError) as error:
+            raise RledError(f"no Ray cluster at {address} ({error})", "", "ray start --head") from None
+        self._task = ray.remote(_remotely).options(num_cpus=1, max_retries=-1)
+
+    @property
+    def processors(self) -> int:
+        """Runs that fit at once."""
+        return max(1, int(self._ray.cluster_resources().get("CPU", 1)))
+
+    def make(self, run: Run) -> Path:
+        """Make a run somewhere and bring its files here.
+
+        Raises:
+            Stopped: ``stop`` was set.
+            RledError: the command failed.
+        """
+        needed = {str(need.folder): _files(self._root / need.folder) for need in run.needs}
+        coming = self._task.remote(run, str(Path.cwd()), str(self._root), needed)
+        while not self._ray.wait([coming], timeout=LOOK)[0]:
+            if self._stop.is_set():
+                self._ray.cancel(coming, force=True)
+                raise Stopped(f"{run.name} was stopped")
+        try:
+            files = self._ray.get(coming)
+        except self._ray.exceptions.RayTaskError as error:
+            raise RledError(f"{run.name}: {error.cause}") from None
+        folder = self._root / run.name.folder
+        _write(folder, files)
+        return folder
+
+
+def _remotely(run: Run, project: str, root: str, needed: Mapping[str, Mapping[str, bytes]]) -> dict[str, bytes]:
+    """What a worker does; returns the files of the run."""
+    os.chdir(project)
+    for folder, files in needed.items():
+        _write(Path(root, folder), files)
+    return _files(execute(run, Path(root), Event()))
+
+
+def _files(folder: Path) -> dict[str, bytes]:
+    kept = (path for path in folder.iterdir() if path.suffix in WEIGHTS_AND_FIGURES and path.name != NOT_NEEDED)
+    return {path.name: path.read_bytes() for path in kept}
+
+
+def _write(folder: Path, files: Mapping[str, Any]) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, content in files.items():
+        (folder / name).write_bytes(content)

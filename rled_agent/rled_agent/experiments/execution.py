@@ -1,0 +1,93 @@
+"""Making one run: its command as a child process, what it wrote, and how that was."""
+
+import json
+import platform
+import shutil
+import sys
+import time
+from pathlib import Path
+from threading import Event
+from typing import Any
+
+from rled_msgs_py.errors import RledError
+from rled_msgs_py.files import write_whole
+from rled_msgs_py.processes import POLL, Children
+
+from rled_agent.experiments.experiment import Run, RunName
+
+RECORD = "run.json"
+ONE_THREAD = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "CUDA_VISIBLE_DEVICES": ""}
+RESUMES = "train_agent"
+
+
+class Stopped(RledError):
+    """The run was asked to end before it was done; it goes on from there the next time."""
+
+
+def execute(run: Run, root: Path, stop: Event) -> Path:
+    """Make a run, or go on with one that was broken off, on one thread.
+
+    Args:
+        run: what to do; what it needs is there.
+        root: folder of all runs.
+        stop: set to end early.
+
+    Returns:
+        The run's folder, which holds ``run.json`` from now on.
+
+    Raises:
+        Stopped: ``stop`` was set.
+        RledError: the command failed; its last lines are in the message.
+    """
+    folder = root / run.name.folder
+    resuming = run.command[0] == RESUMES and (folder / "checkpoint.safetensors").is_file()
+    if not resuming:
+        shutil.rmtree(folder, ignore_errors=True)
+    program, *options = run.arguments(root)
+    command = [sys.executable, "-m", f"rled_agent.{program}", *options, *(["--resume"] if resuming else [])]
+    begun = time.monotonic()
+    with Children() as children:
+        child = children.start(command, env=ONE_THREAD, echo=False)
+        while child.exit_code is None:
+            if stop.wait(10 * POLL):
+                raise Stopped(f"{run.name} was stopped")
+        children.check()
+    record = {
+        "command": list(run.command),
+        "seconds": round(time.monotonic() - begun, 1),
+        "resumed": resuming,
+        "processor": processor(),
+        "python": platform.python_version(),
+    }
+    write_whole(folder / RECORD, json.dumps(record, indent=2) + "\n")
+    return folder
+
+
+def record_of(root: Path, name: RunName) -> dict[str, Any] | None:
+    """What ``execute`` wrote of a run that is done; None of any other."""
+    try:
+        record: dict[str, Any] = json.loads((root / name.folder / RECORD).read_text())
+    except (OSError, ValueError):
+        return None
+    return record
+
+
+def is_done(root: Path, run: Run) -> bool:
+    """The run was made, by the same command as now."""
+    record = record_of(root, run.name)
+    return record is not None and record["command"] == list(run.command)
+
+
+def keep(folder: Path, kept: Path) -> None:
+    """Copy a run's settings and figures, not its weights, to where they are kept for good."""
+    for path in sorted(folder.iterdir()):
+        if path.suffix in (".json", ".csv"):
+            write_whole(kept / path.name, path.read_text())
+
+
+def processor() -> str:
+    """The processor's name."""
+    for line in Path("/proc/cpuinfo").read_text().splitlines():
+        if line.startswith("model name"):
+            return line.partition(":")[2].strip()
+    return platform.machine()

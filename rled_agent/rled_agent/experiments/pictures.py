@@ -1,0 +1,124 @@
+"""The pictures of an experiment, from the figures of its runs."""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from rled_msgs_py.pictures import picture
+
+from rled_agent.evaluation import Course
+from rled_agent.experiments.experiment import Drawing, Kind
+from rled_agent.experiments.statistics import common, estimate, read_columns, read_curve
+
+Folders = Mapping[str, Sequence[Path]]
+"""Folders of the runs of each variant, by its label."""
+SHOWN = 8
+
+
+def draw(path: Path, drawing: Drawing, folders: Folders, title: str) -> None:
+    """Write one picture as PNG."""
+    with picture(path, 8.0, 5.0) as axes:
+        DRAW[drawing.kind](axes, drawing, folders)
+        axes.set_title(title, fontsize=10)
+
+
+def _draw_curves(axes: Axes, drawing: Drawing, folders: Folders) -> None:
+    """Mean over the seeds, and a band of one standard deviation either way."""
+    for color, (label, runs) in zip(_colors(len(folders)), folders.items(), strict=True):
+        curves = [read_curve(run / "metrics.csv", drawing.metric).smoothed(drawing.window) for run in runs]
+        steps, values = common([curve for curve in curves if len(curve.steps)] or curves)
+        mean, spread = values.mean(axis=0), values.std(axis=0)
+        axes.plot(steps, mean, color=color, label=label, linewidth=1.5)
+        axes.fill_between(steps, mean - spread, mean + spread, color=color, alpha=0.15, linewidth=0)
+    axes.set(xlabel="environment steps", ylabel=drawing.label)
+    if drawing.log:
+        axes.set_yscale("log")
+    _legend(axes)
+
+
+def _draw_cloning(axes: Axes, _: Drawing, folders: Folders) -> None:
+    for color, (label, runs) in zip(_colors(len(folders)), folders.items(), strict=True):
+        for k, run in enumerate(runs):
+            columns = read_columns(run / "curve.csv")
+            for name, style in (("train", "-"), ("validation", "--")):
+                named = f"{label}, {'training' if name == 'train' else name}" if k == 0 else None
+                axes.semilogy(columns["step"], columns[name], style, color=color, alpha=0.6, label=named)
+    axes.set(xlabel="gradient step", ylabel="mean squared error $J_d$, normalised actions")
+    _legend(axes)
+
+
+def _draw_bands(axes: Axes, _: Drawing, folders: Folders) -> None:
+    """Success of each policy by distance from the demonstrated points."""
+    for label, runs in folders.items():
+        evaluations = [read_bands(run) for run in runs]
+        bands = list(evaluations[0])
+        for policy in evaluations[0][bands[0]]:
+            values = [estimate([each[band][policy]["success"] for each in evaluations]) for band in bands]
+            heights = np.array([each.value for each in values])
+            errors = np.abs(np.array([[each.low, each.high] for each in values]).T - heights)
+            named = policy if policy == "expert" else label
+            axes.errorbar(range(len(bands)), heights, errors, fmt="o-", capsize=3, label=named)
+    axes.set(xlabel="targets", ylabel="share of targets reached", ylim=(-0.02, 1.02))
+    axes.set_xticks(range(len(bands)), bands)
+    _legend(axes)
+
+
+def _draw_paths(axes: Axes, drawing: Drawing, folders: Folders) -> None:
+    """Distance from the target over the steps of some motions of the first seed."""
+    for label, runs in folders.items():
+        for k, (policy, courses) in enumerate(read_courses(runs[0], drawing.metric).items()):
+            for j, each in enumerate(courses[:SHOWN]):
+                named = (policy if policy == "expert" else label) if j == 0 else None
+                axes.plot(each.distance, ".-", color=f"C{k}", linewidth=1.0, markersize=4, alpha=0.7, label=named)
+    axes.set(xlabel="step", ylabel="distance from the target (m)", ylim=(0.0, None))
+    _legend(axes)
+
+
+def _draw_tradeoff(axes: Axes, drawing: Drawing, folders: Folders) -> None:
+    """What a share of demonstrated actions buys: one point a variant, means over all of training."""
+    for color, (label, runs) in zip(_colors(len(folders)), folders.items(), strict=True):
+        shares, values = (
+            np.array([read_curve(run / "metrics.csv", metric).mean for run in runs])
+            for metric in ("demonstrated_share", drawing.metric)
+        )
+        axes.errorbar(
+            shares.mean(), values.mean(), values.std(), shares.std(), fmt="o", color=color, capsize=3, label=label
+        )
+    axes.set(xlabel="share of demonstrated actions while learning", ylabel=drawing.label)
+    _legend(axes)
+
+
+DRAW: Mapping[Kind, Callable[[Axes, Drawing, Folders], None]] = {
+    "curves": _draw_curves,
+    "cloning": _draw_cloning,
+    "bands": _draw_bands,
+    "paths": _draw_paths,
+    "tradeoff": _draw_tradeoff,
+}
+
+
+def read_bands(run: Path) -> dict[str, dict[str, dict[str, Any]]]:
+    """What ``evaluate_agent`` found: band, policy, figure."""
+    bands: dict[str, dict[str, dict[str, Any]]] = json.loads((run / "evaluation.json").read_text())
+    return bands
+
+
+def read_courses(run: Path, band: str) -> dict[str, list[Course]]:
+    """Motions that ``evaluate_agent`` kept of a band, by policy."""
+    courses: dict[str, list[list[list[float]]]] = json.loads((run / "motions.json").read_text())[band]
+    return {policy: [Course(*each) for each in group] for policy, group in courses.items()}
+
+
+def _colors(count: int) -> list[Any]:
+    """Distinct ones for a few variants, an ordered scale for many."""
+    if count <= 4:
+        return [f"C{k}" for k in range(count)]
+    return [colormaps["viridis"](k) for k in np.linspace(0.0, 0.9, count)]
+
+
+def _legend(axes: Axes) -> None:
+    axes.figure.legend(loc="outside lower center", ncols=4, frameon=False)

@@ -1,0 +1,110 @@
+"""Command: make the runs behind the figures of chapter 4, as many at once as there are processors."""
+
+import os
+from collections.abc import Callable
+from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from threading import Event
+from typing import Annotated
+
+import tyro
+from rled_msgs_py.errors import RledError, command_line
+from rled_msgs_py.stopping import stop_requested
+
+from rled_agent.config import require_ranges
+from rled_agent.experiments.cluster import Cluster
+from rled_agent.experiments.execution import execute, is_done, keep
+from rled_agent.experiments.experiment import Library, Run, RunName
+from rled_agent.experiments.sweep import Finished, sweep
+from rled_agent.progress import Progress
+
+EXPERIMENTS, KEPT = Path("docs/results/experiments"), Path("docs/results/runs")
+
+
+@dataclass(frozen=True)
+class Options:
+    """Make what is missing of the runs behind the figures named; run it in the project's folder.
+
+    A run that is done is kept, one that was broken off goes on from its checkpoint. Settings and figures of each run
+    end up in docs/results/runs, from where draw_figures draws; weights stay in the folder of runs.
+    """
+
+    figures: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
+    """as 4.6, or another file of docs/results/experiments; all of them by default"""
+    only: str = ""
+    """make only runs whose name has this in it, as phi-0.1 or seed-0, and what they need"""
+    runs: Path = Path("out/reproduce")
+    """folder for the runs while they are made"""
+    workers: int = len(os.sched_getaffinity(0))
+    """runs at once, each on one thread; on a cluster as many as it has processors"""
+    ray: str = ""
+    """address of a Ray cluster to make them on: auto, or ray://host:10001"""
+    show: bool = False
+    """say what is missing and make nothing"""
+
+
+@command_line
+def main() -> None:
+    """Run the command."""
+    options = tyro.cli(Options, prog="reproduce")
+    require_ranges(options, {"workers": (1, 10_000)})
+    library = Library(EXPERIMENTS)
+    missing = _missing(library, options)
+    print(f"{len(missing)} runs to make")
+    if options.show:
+        for run in missing.values():
+            print(f"  {run.name}: {' '.join(run.command)}")
+        return
+    with stop_requested() as stop:
+        make, workers = _maker(options, stop)
+        with ThreadPoolExecutor(workers) as pool:
+            failed = _make(missing, options.runs, make, pool)
+    if failed:
+        raise RledError(f"{len(failed)} of {len(missing)} runs are not done: {', '.join(failed)}", "", "run it again")
+
+
+def _missing(library: Library, options: Options) -> dict[RunName, Run]:
+    """Runs that are not kept yet, and what these need, if its weights are not there."""
+    asked = library.with_needs(list(options.figures) or library.names())
+    missing = {name: run for name, run in asked.items() if options.only in str(name) and not is_done(KEPT, run)}
+    waiting = [need for run in missing.values() for need in run.needs]
+    while waiting:
+        need = waiting.pop()
+        if need not in missing and not is_done(options.runs, asked[need]):
+            missing[need] = asked[need]
+            waiting += asked[need].needs
+    return missing
+
+
+def _maker(options: Options, stop: Event) -> tuple[Callable[[Run], Path], int]:
+    """What makes one run, and how many are made at once."""
+    if not options.ray:
+        return partial(execute, root=options.runs, stop=stop), options.workers
+    cluster = Cluster(options.ray, options.runs, stop)
+    return cluster.make, cluster.processors
+
+
+def _make(missing: dict[RunName, Run], root: Path, make: Callable[[Run], Path], pool: Executor) -> list[str]:
+    """Make the runs; returns the names of those that failed or were stopped."""
+    failed: list[str] = []
+    done = 0
+
+    def tell(finished: Finished) -> None:
+        nonlocal done
+        done += 1
+        if finished.error is None:
+            keep(root / finished.name.folder, KEPT / finished.name.folder)
+        else:
+            failed.append(str(finished.name))
+            print(f"{finished.name}: {finished.error}", flush=True)
+        progress.say(done, {"failed": len(failed)})
+
+    with Progress("run", len(missing)) as progress:
+        sweep(missing, make, pool, tell)
+    return failed
+
+
+if __name__ == "__main__":
+    main()

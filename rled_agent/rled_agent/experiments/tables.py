@@ -1,0 +1,118 @@
+"""The numbers of an experiment, as Markdown tables."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+
+import numpy as np
+
+from rled_agent.evaluation import Course
+from rled_agent.experiments.experiment import Drawing, Kind
+from rled_agent.experiments.pictures import Folders, read_bands, read_courses
+from rled_agent.experiments.statistics import estimate, read_columns, read_curve
+
+NEAR = 0.15
+"""Distance from a target (m) below which a motion is near to it."""
+
+
+def table(drawing: Drawing, folders: Folders) -> str:
+    """The numbers behind one picture, each an interquartile mean over seeds with its 95 % bootstrap interval."""
+    heads, rows = TABLES[drawing.kind](drawing, folders)
+    lines = [heads, ["---"] * len(heads), *rows]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+def _curves(drawing: Drawing, folders: Folders) -> tuple[list[str], list[list[str]]]:
+    level = ["", *([f"steps to {drawing.level:g}, by seed"] if np.isfinite(drawing.level) else [])]
+    heads = [drawing.label, "at the end", "over all of training", "seeds", *level[1:]]
+    rows = []
+    for label, runs in folders.items():
+        curves = [read_curve(run / "metrics.csv", drawing.metric) for run in runs]
+        row = [label, str(estimate([c.end for c in curves])), str(estimate([c.mean for c in curves])), str(len(runs))]
+        if np.isfinite(drawing.level):
+            row.append(", ".join(_steps(curve.first_step(drawing.level)) for curve in curves))
+        rows.append(row)
+    return heads, rows
+
+
+def _steps(count: float) -> str:
+    return f"{count:,.0f}" if np.isfinite(count) else "never"
+
+
+def _cloning(_: Drawing, folders: Folders) -> tuple[list[str], list[list[str]]]:
+    rows = []
+    for label, runs in folders.items():
+        columns = [read_columns(run / "curve.csv") for run in runs]
+        first, last = (estimate([each["validation"][at] for each in columns]) for at in (0, -1))
+        rises = estimate([float(np.mean(np.diff(each["validation"]) > 0.0)) for each in columns])
+        rows.append([label, str(first), str(last), str(rises), str(len(runs))])
+    return ["robot", "first validation error", "last", "share of validations that rose", "seeds"], rows
+
+
+def _bands(_: Drawing, folders: Folders) -> tuple[list[str], list[list[str]]]:
+    rows = []
+    for label, runs in folders.items():
+        found = [read_bands(run) for run in runs]
+        for band, policies in found[0].items():
+            for policy in policies:
+                figures = [_present(each[band][policy][name] for each in found) for name in SHOWN]
+                cells = [str(estimate(values)) if values else "none" for values in figures]
+                rows.append([band, policy if policy == "expert" else label, *cells, str(len(runs))])
+    return ["targets", "policy", *SHOWN.values(), "seeds"], sorted(rows, key=lambda row: _rank(row[0], folders))
+
+
+SHOWN: Mapping[str, str] = {
+    "success": "reached",
+    "steps": "steps",
+    "path_length": "path over straight",
+    "jerk": "jerk (m/s³)",
+}
+
+
+def _present(values: Iterable[float | None]) -> list[float]:
+    return [value for value in values if value is not None]
+
+
+def _rank(band: str, folders: Folders) -> int:
+    run = next(iter(folders.values()))[0]
+    return list(read_bands(run)).index(band)
+
+
+def _paths(drawing: Drawing, folders: Folders) -> tuple[list[str], list[list[str]]]:
+    rows = []
+    for label, runs in folders.items():
+        found = [read_courses(run, drawing.metric) for run in runs]
+        for policy in found[0]:
+            near, far = zip(*(_changes(each[policy]) for each in found), strict=True)
+            rows.append(
+                [policy if policy == "expert" else label, str(estimate(far)), str(estimate(near)), str(len(runs))]
+            )
+    heads = ["policy", f"change of Δq in a step (mrad), farther than {100 * NEAR:g} cm", "nearer", "seeds"]
+    return heads, rows
+
+
+def _changes(courses: Sequence[Course]) -> tuple[float, float]:
+    distance = np.concatenate([np.array(each.distance[2:]) for each in courses])
+    change = 1e3 * np.concatenate([np.array(each.change) for each in courses])
+    return float(change[distance < NEAR].mean()), float(change[distance >= NEAR].mean())
+
+
+def _tradeoff(drawing: Drawing, folders: Folders) -> tuple[list[str], list[list[str]]]:
+    metrics = {
+        "demonstrated_share": "demonstrated actions",
+        drawing.metric: drawing.label,
+        "reward": "return",
+        "qcd_median": "u_t, median",
+    }
+    rows = []
+    for label, runs in folders.items():
+        values = [[read_curve(run / "metrics.csv", name).mean for run in runs] for name in metrics]
+        rows.append([label, *(str(estimate(each)) for each in values), str(len(runs))])
+    return ["means over all of training", *metrics.values(), "seeds"], rows
+
+
+TABLES: Mapping[Kind, Callable[[Drawing, Folders], tuple[list[str], list[list[str]]]]] = {
+    "curves": _curves,
+    "cloning": _cloning,
+    "bands": _bands,
+    "paths": _paths,
+    "tradeoff": _tradeoff,
+}

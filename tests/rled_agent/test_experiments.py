@@ -1,0 +1,241 @@
+import json
+import re
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from threading import Event
+
+import numpy as np
+import pytest
+from rled_agent.experiments.draw_figures import main as draw_figures
+from rled_agent.experiments.execution import execute, is_done, keep
+from rled_agent.experiments.experiment import ExperimentError, Library, Run, RunName
+from rled_agent.experiments.reproduce import EXPERIMENTS, KEPT
+from rled_agent.experiments.statistics import Curve, common, estimate
+from rled_agent.experiments.sweep import Finished, sweep
+from rled_msgs_py.errors import RledError
+
+ROOT = Path(__file__).parents[2]
+BASE = """
+title = "Base"
+claim = "It learns."
+command = ["train_expert", "--bag", "bag"]
+seeds = 2
+
+[variants.plain]
+label = "plain"
+"""
+UPON = """
+title = "Upon it"
+claim = "It learns more."
+command = ["train_agent", "--expert", "{base/plain}/expert.safetensors"]
+seeds = 2
+
+[variants.a]
+label = "A"
+options = ["--behaviour.phi", "0"]
+
+[variants.b]
+label = "B"
+command = ["train_peer"]
+"""
+VIEW = """
+title = "The same, seen otherwise"
+claim = "It shows."
+runs_of = "upon"
+
+[[drawings]]
+kind = "curves"
+metric = "reward"
+label = "return"
+"""
+
+
+@pytest.fixture
+def library(tmp_path: Path) -> Library:
+    for name, text in (("base", BASE), ("upon", UPON), ("view", VIEW)):
+        (tmp_path / f"{name}.toml").write_text(text)
+    return Library(tmp_path)
+
+
+def test_an_experiment_has_a_run_for_each_variant_and_seed(library):
+    runs = library.read("upon").runs()
+    assert [str(run.name) for run in runs] == ["upon/a/seed-0", "upon/b/seed-0", "upon/a/seed-1", "upon/b/seed-1"]
+    first, peer = runs[2], runs[3]
+    assert first.arguments(Path("out")) == [
+        *("train_agent", "--expert", "out/base/plain/seed-1/expert.safetensors"),
+        *("--behaviour.phi", "0", "--seed", "1", "--output", "out/upon/a/seed-1"),
+    ]
+    assert peer.command == ("train_peer", "--seed", "1")
+
+
+def test_what_runs_need_comes_with_them(library):
+    found = library.with_needs(["view"])
+    assert {str(name) for name in found} == {
+        *("upon/a/seed-0", "upon/a/seed-1", "upon/b/seed-0", "upon/b/seed-1"),
+        *("base/plain/seed-0", "base/plain/seed-1"),
+    }
+    assert found[RunName("upon", "a", 1)].needs == (RunName("base", "plain", 1),)
+    assert found[RunName("upon", "b", 1)].needs == ()
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (("seeds = 2", "seeds = 0"), "seeds of 1 or more"),
+        (("seeds = 2", "sed = 2"), "sed in experiment; accepted: name"),
+        (('"train_agent"', '"rm"'), "train_expert, train_agent"),
+        (("{base/plain}", "{base/gone}"), "upon/a/seed-0 needs base/gone/seed-0"),
+        (("{base/plain}", "{gone/plain}"), "no experiment 'gone'"),
+        (("title = ", "title "), "a TOML file"),
+        (('label = "A"', ""), "label"),
+    ],
+)
+def test_what_is_wrong_with_a_file_is_said(tmp_path, library, change, said):
+    (tmp_path / "upon.toml").write_text(UPON.replace(*change))
+    with pytest.raises(ExperimentError, match=re.escape(said)):
+        library.with_needs(["upon"])
+
+
+def test_every_experiment_of_the_project_can_be_read():
+    library = Library(ROOT / "docs" / "results" / "experiments")
+    figures = [name for name in library.names() if name[0].isdigit() and "-" not in name]
+    assert figures == ["4.3", "4.4", "4.5", "4.6", "4.7", "4.8", "4.9", "4.10", "4.11", "4.12"]
+    assert library.with_needs(library.names())
+    for name in library.names():
+        assert library.read(name).drawings
+
+
+def runs_of(needs: dict[str, list[str]]) -> dict[RunName, Run]:
+    names = {each: RunName("e", each, 0) for each in needs}
+    commands = {each: ("train_agent", *(f"{{e/{need}}}" for need in needs[each])) for each in needs}
+    return {names[each]: Run(names[each], commands[each]) for each in needs}
+
+
+def swept(runs: dict[RunName, Run], make: Callable[[Run], Path]) -> list[Finished]:
+    told: list[Finished] = []
+    with ThreadPoolExecutor(3) as pool:
+        sweep(runs, make, pool, told.append)
+    return told
+
+
+def test_a_run_is_made_after_those_that_it_needs():
+    made: list[str] = []
+    runs = runs_of({"d": ["b", "c"], "c": ["a"], "b": ["a"], "a": []})
+    told = swept(runs, lambda run: made.append(run.name.variant) or Path())
+    assert [each.error for each in told] == [None] * 4
+    assert made[0] == "a"
+    assert made[-1] == "d"
+
+
+def test_what_needs_a_failed_run_is_left_out_and_the_others_are_made():
+    def make(run: Run) -> Path:
+        if run.name.variant == "b":
+            raise RledError("it broke")
+        return Path()
+
+    told = swept(runs_of({"a": [], "b": [], "c": ["b"], "d": ["a"]}), make)
+    assert {(each.name.variant, str(each.error or "")) for each in told} == {("a", ""), ("b", "it broke"), ("d", "")}
+
+
+def test_a_run_is_done_once_and_anew_when_its_command_has_changed(tmp_path, planar_bag):
+    command = ("train_expert", "--bag", str(planar_bag), "--steps", "20", "--validate-every", "10", "--batch-size", "8")
+    run = Run(RunName("e", "v", 0), command)
+    assert not is_done(tmp_path, run)
+    folder = execute(run, tmp_path, Event())
+    assert is_done(tmp_path, run)
+    assert not is_done(tmp_path, Run(run.name, (*command, "--seed", "1")))
+    keep(folder, tmp_path / "kept")
+    assert {path.name for path in (tmp_path / "kept").iterdir()} == {"curve.csv", "run.json", "summary.json"}
+    assert json.loads((tmp_path / "kept" / "run.json").read_text())["command"] == list(command)
+
+
+def test_a_failed_run_says_why_and_is_not_done(tmp_path):
+    run = Run(RunName("e", "v", 0), ("train_expert", "--bag", "nowhere"))
+    with pytest.raises(RledError, match="nowhere"):
+        execute(run, tmp_path, Event())
+    assert not is_done(tmp_path, run)
+
+
+def test_a_curve_is_smoothed_over_its_points():
+    curve = Curve(np.arange(4.0), np.array([0.0, 2.0, 4.0, 0.0]))
+    assert curve.smoothed(2).values.tolist() == [1.0, 3.0, 2.0]
+    assert curve.smoothed(2).steps.tolist() == [1.0, 2.0, 3.0]
+    assert curve.first_step(2.0) == 1.0
+    assert curve.first_step(5.0) == np.inf
+
+
+def test_the_end_of_a_curve_is_its_last_fifth():
+    assert Curve(np.arange(10.0), np.arange(10.0)).end == 8.5
+
+
+def test_the_middle_half_of_the_seeds_counts():
+    found = estimate([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 1000.0])
+    assert found.value == 3.5  # of 2, 3, 4 and 5
+    assert found.low < 3.5 < found.high
+    assert estimate([2.0, 2.0]) == (2.0, 2.0, 2.0)
+
+
+def test_curves_are_compared_at_steps_that_all_have():
+    one = Curve(np.array([1.0, 2.0, 3.0]), np.array([10.0, 20.0, 30.0]))
+    other = Curve(np.array([2.0, 3.0, 4.0]), np.array([5.0, 6.0, 7.0]))
+    steps, values = common([one, other])
+    assert steps.tolist() == [2.0, 3.0]
+    assert values.tolist() == [[20.0, 30.0], [5.0, 6.0]]
+
+
+def metrics(path: Path, columns: dict[str, list[float]]) -> None:
+    rows = zip(*columns.values(), strict=True)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("\n".join([",".join(columns), *(",".join(map(str, row)) for row in rows)]) + "\n")
+
+
+def kept_runs(library: Library, name: str, value: Callable[[Run], list[float]]) -> None:
+    """Runs that have been made: 100 steps a row."""
+    for run in library.read(name).runs():
+        folder = KEPT / run.name.folder
+        values = value(run)
+        steps = [100.0 * (k + 1) for k in range(len(values))]
+        metrics(folder / "metrics.csv", {"step": steps, "reward": values, "demonstrated_share": [0.5] * len(values)})
+        record = {"command": run.command, "seconds": 360.0, "processor": "Some Processor", "resumed": False}
+        (folder / "run.json").write_text(json.dumps(record))
+
+
+def test_figures_and_numbers_come_from_the_runs_that_are_kept(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    EXPERIMENTS.mkdir(parents=True)
+    level = VIEW.replace('runs_of = "upon"', 'runs_of = "upon"\nverdict = "partly"\nreason = "Only B rises."')
+    for name, text in (("base", BASE), ("upon", UPON), ("view", level + "level = 8.0\n")):
+        (EXPERIMENTS / f"{name}.toml").write_text(text)
+    library = Library(EXPERIMENTS)
+    # A stays at its seed; B rises by one a row to 9, and by two to 18
+    kept_runs(
+        library,
+        "upon",
+        lambda run: (
+            [float(run.name.seed)] * 10 if run.name.variant == "a" else [(1.0 + run.name.seed) * k for k in range(10)]
+        ),
+    )
+    monkeypatch.setattr("sys.argv", ["draw_figures"])
+    draw_figures()
+    assert "wrote docs/results.md" in capsys.readouterr().out
+    text = Path("docs/results.md").read_text()
+    assert "| [view](#the-same-seen-otherwise) | It shows. | partly reproduced |" in text
+    assert "*Verdict:* **partly reproduced**. Only B rises." in text
+    assert "*Runs:* 4 of 4, 0.4 processor hours (Some Processor)." in text
+    # the last fifth of B is 8.5 and 17, the mean 4.5 and 9; it is at 8 from row 9 and from row 5 on
+    assert "| B | 12.8 (8.5 to 17) | 6.75 (4.5 to 9) | 2 | 900, 500 |" in text
+    assert "| A | 0.5 (0 to 1) | 0.5 (0 to 1) | 2 | never, never |" in text
+    picture = Path("docs/results/figures/view.png")
+    assert f"]({picture.relative_to('docs')})" in text
+    assert picture.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+
+
+def test_a_figure_is_drawn_of_the_runs_that_are_there(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    EXPERIMENTS.mkdir(parents=True)
+    for name, text in (("base", BASE), ("upon", UPON), ("view", VIEW)):
+        (EXPERIMENTS / f"{name}.toml").write_text(text)
+    monkeypatch.setattr("sys.argv", ["draw_figures"])
+    draw_figures()
+    assert "*Runs:* 0 of 4, 0.0 processor hours (nowhere yet)." in Path("docs/results.md").read_text()
