@@ -47,8 +47,8 @@ faults: setup ## Measure the table of faults anew: docs/faults.md.
 	RLED_FAULTS=write $(BIN)/python -m pytest tests/faults -k table $(ARGS)
 	$(BIN)/python tests/faults/table.py
 
-hostile: setup ## Send 20,000 malformed and hostile messages to the nodes (some minutes).
-	RLED_HOSTILE=670 $(BIN)/python -m pytest tests/faults -k hostile --timeout 600 $(ARGS)
+hostile: setup ## Send more than 30,000 malformed and hostile messages to all nodes (some minutes).
+	RLED_HOSTILE=250 $(BIN)/python -m pytest tests/faults -k hostile --timeout 600 $(ARGS)
 
 reproduce: setup ## Make the missing runs behind the figures of chapter 4 (FIG=4.6: of one; hours).
 	$(BIN)/python -m rled_agent.experiments.reproduce $(FIG) $(ARGS)

@@ -35,15 +35,15 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
-            "train_expert = rled_agent.train_expert:main",
-            "train_agent = rled_agent.train_agent:main",
-            "evaluate_agent = rled_agent.evaluate_agent:main",
-            "train_peer = rled_agent.train_peer:main",
-            "reproduce = rled_agent.experiments.reproduce:main",
-            "draw_figures = rled_agent.experiments.draw_figures:main",
-            "watch_episodes = rled_agent.watch_episodes:main",
-            "agent_node = rled_agent.agent_node:main",
-            "demo = rled_agent.demo:main",
+            "train_expert = rled_msgs_py.starting:rled_agent.train_expert",
+            "train_agent = rled_msgs_py.starting:rled_agent.train_agent",
+            "evaluate_agent = rled_msgs_py.starting:rled_agent.evaluate_agent",
+            "train_peer = rled_msgs_py.starting:rled_agent.train_peer",
+            "reproduce = rled_msgs_py.starting:rled_agent.experiments.reproduce",
+            "draw_figures = rled_msgs_py.starting:rled_agent.experiments.draw_figures",
+            "watch_episodes = rled_msgs_py.starting:rled_agent.watch_episodes",
+            "agent_node = rled_msgs_py.starting:rled_agent.agent_node",
+            "demo = rled_msgs_py.starting:rled_agent.demo",
         ]
     },
 )

@@ -21,8 +21,8 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
-            "repair_bag = rled_msgs_py.repair_bag:main",
-            "security_policy = rled_msgs_py.security_policy:main",
+            "repair_bag = rled_msgs_py.starting:rled_msgs_py.repair_bag",
+            "security_policy = rled_msgs_py.starting:rled_msgs_py.security_policy",
         ]
     },
 )

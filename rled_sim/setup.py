@@ -22,7 +22,7 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
-            "sim_node = rled_sim.sim_node:main",
+            "sim_node = rled_msgs_py.starting:rled_sim.sim_node",
         ]
     },
 )

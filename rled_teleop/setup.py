@@ -22,15 +22,15 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
-            "teleop_scripted = rled_teleop.teleop_scripted:main",
-            "teleop_keyboard = rled_teleop.teleop_keyboard:main",
-            "demos = rled_teleop.demos:main",
-            "teleop_gamepad = rled_teleop.teleop_gamepad:main",
-            "teleop_kinesthetic = rled_teleop.teleop_kinesthetic:main",
-            "replay_demos = rled_teleop.replay_demos:main",
-            "teleop_web = rled_teleop.teleop_web:main",
-            "web_operator = rled_teleop.web_operator:main",
-            "record_demos = rled_teleop.record_demos:main",
+            "teleop_scripted = rled_msgs_py.starting:rled_teleop.teleop_scripted",
+            "teleop_keyboard = rled_msgs_py.starting:rled_teleop.teleop_keyboard",
+            "demos = rled_msgs_py.starting:rled_teleop.demos",
+            "teleop_gamepad = rled_msgs_py.starting:rled_teleop.teleop_gamepad",
+            "teleop_kinesthetic = rled_msgs_py.starting:rled_teleop.teleop_kinesthetic",
+            "replay_demos = rled_msgs_py.starting:rled_teleop.replay_demos",
+            "teleop_web = rled_msgs_py.starting:rled_teleop.teleop_web",
+            "web_operator = rled_msgs_py.starting:rled_teleop.web_operator",
+            "record_demos = rled_msgs_py.starting:rled_teleop.record_demos",
         ]
     },
 )

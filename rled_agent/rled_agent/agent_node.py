@@ -14,7 +14,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rled_msgs_py.command_output import CommandOutput
-from rled_msgs_py.errors import RledError
+from rled_msgs_py.errors import ContractError, RledError
 from rled_msgs_py.life import watch_life
 from rled_msgs_py.messages import encode
 from rled_msgs_py.node import advertise, declare, run_node, spin, subscribe, subscribe_ticks
@@ -77,6 +77,7 @@ class AgentNode(Node):
         self._arbiter: Arbiter | None = None
         self._enabled = self._params.enabled
         self._apprentice: Apprentice | None = None
+        self._closing: Thread | None = None
         self._waiting: Waiting | None = None
         self._before: tuple[Waiting, Outcome] | None = None
         self._told: tuple[int, GateCode] | None = None
@@ -114,15 +115,13 @@ class AgentNode(Node):
         self._params = params
 
     def _on_task(self, text: Text) -> None:
-        ours = self._controller.policy.task
+        task = TaskDescription.from_json(text.data)
         try:
-            task = TaskDescription.from_json(text.data)
-            if self._arbiter is not None:
-                task.require_same_robot(ours, "the policy")
-        except RledError as error:
-            self._refuse(TASK_DESCRIPTION, error)
-            return
-        task.require_same_robot(ours, "the policy")  # at the start this ends the node
+            task.require_same_robot(self._controller.policy.task, "the policy")
+        except ContractError as error:
+            if self._arbiter is None:
+                raise RledError(error.what, error.accepted) from None  # the policy of another robot: the node ends
+            raise
         self._arbitrate(task, self._urdf)
 
     def _on_robot(self, text: Text) -> None:
@@ -253,7 +252,10 @@ class AgentNode(Node):
     def _on_learn(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         before = self._apprentice
         if before is not None and not (request.data and before.running):
-            Thread(target=before.close).start()  # it saves its state first, and control does not wait
+            self._closing = Thread(target=before.close)
+            self._closing.start()  # it saves its state first, and control does not wait
+            if not before.running:
+                self._closing.join()
             self._apprentice = None
         if request.data and self._apprentice is None:
             try:
@@ -266,8 +268,10 @@ class AgentNode(Node):
         """Start the learning process, which goes on from its saved state.
 
         Raises:
-            RledError: there is nothing that could learn.
+            RledError: there is nothing that could learn, or the process before has not saved its state yet.
         """
+        if self._closing is not None and self._closing.is_alive():
+            raise RledError("the learning process is saving its state", remedy="call again in some seconds")
         if not self._params.agent:
             raise RledError("the expert does not learn", remedy="start with --agent POLICY")
         state = Path(self._params.learning_state)

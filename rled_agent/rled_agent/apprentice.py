@@ -47,8 +47,14 @@ class Apprentice:
         return self.handovers > 0
 
     def offer(self, row: NDArray[np.float32], by_person: bool = False) -> None:
-        """Send one transition, a row as in ``Replay``, marked by its source; a full pipe drops it."""
+        """Send one transition, a row as in ``Replay``, marked by its source; a full pipe drops it.
+
+        One that is not finite is dropped too: a single one would spoil every weight.
+        """
         self.offered += 1
+        if not np.isfinite(row).all():
+            self.dropped += 1
+            return
         try:
             os.write(
                 self._pipe, np.append(row, np.float32(by_person)).tobytes()

@@ -1,6 +1,6 @@
 """Fields of a frozen dataclass that came as JSON: are they of the kinds that it declares?"""
 
-import math
+import sys
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
@@ -8,6 +8,8 @@ from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 from rled_msgs_py.errors import ContractError
 
 R = TypeVar("R")
+LARGEST = 2**63
+"""Whole numbers are smaller than that, so that they fit into arrays; JSON has them of any length."""
 
 
 def check_kinds(record: Any) -> None:
@@ -55,7 +57,11 @@ def _fits(value: Any, kind: Any) -> bool:
         return value in get_args(kind)
     if isinstance(value, bool):
         return kind is bool
-    return isinstance(value, int | float) and math.isfinite(value) if kind is float else isinstance(value, kind)
+    if kind is float:
+        return isinstance(value, int | float) and abs(value) <= sys.float_info.max
+    if kind is int:
+        return isinstance(value, int) and abs(value) < LARGEST
+    return isinstance(value, kind)
 
 
 def _accepted(kind: Any) -> str:

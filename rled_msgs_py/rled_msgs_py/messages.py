@@ -29,6 +29,8 @@ from rled_msgs_py.topics import DIAGNOSTIC_ARRAY, JOINT_STATE, POSE_STAMPED, STR
 
 NANOSECONDS = 1_000_000_000
 LATEST = 2**31 * NANOSECONDS
+DIGITS = 18
+"""Of a count, which then fits into 64 bits."""
 _NONE: Vector = np.empty(0)
 
 
@@ -241,8 +243,8 @@ def _number(text: str) -> float:
 
 
 def _count(text: str) -> int:
-    if not (text.isascii() and text.isdigit()):
-        raise ContractError(f"'{text}' in a status", "a count, 0 or more")
+    if not (text.isascii() and text.isdigit() and len(text) <= DIGITS):
+        raise ContractError(f"'{text}' in a status", f"a count of {DIGITS} digits at most")
     return int(text)
 
 

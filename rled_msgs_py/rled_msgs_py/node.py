@@ -49,18 +49,20 @@ def subscribe(
     callback: Callable[[Any], None],
     refused: Callable[[ContractError], None] | None = None,
 ) -> Subscription:
-    """Call ``callback`` with each record on a topic; a bad message is dropped, and logged or given to ``refused``."""
+    """Call ``callback`` with each record on a topic.
+
+    A message that breaks the contract, as it is read or as the callback finds, is dropped, and logged or given to
+    ``refused``.
+    """
 
     def warn(error: ContractError) -> None:
         node.get_logger().warning(f"{topic.name}: {error}", throttle_duration_sec=1.0)
 
     def received(data: bytes) -> None:
         try:
-            record = decode(topic, data)
+            callback(decode(topic, data))
         except ContractError as error:
             (refused or warn)(error)
-            return
-        callback(record)
 
     kind, qos = MESSAGE_CLASSES[topic.type], qos_profile(topic.qos)
     return node.create_subscription(kind, topic.name, received, qos, raw=True)

@@ -129,10 +129,9 @@ class TaskDescription:
         """
         names = [each.name for each in fields(TaskDescription)]
         try:
-            values: Any = json.loads(text)
+            return from_object(TaskDescription, json.loads(text), "the task description", {"limits": NO_LIMITS})
         except (ValueError, RecursionError):
             raise ContractError("the task description is no JSON", "an object with " + ", ".join(names)) from None
-        return from_object(TaskDescription, values, "the task description", {"limits": NO_LIMITS})
 
     def require_same_robot(self, other: "TaskDescription", whose: str) -> None:
         """Refuse another robot's description.

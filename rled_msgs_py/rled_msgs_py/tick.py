@@ -26,6 +26,14 @@ class Tick(NamedTuple):
         """Simulation time (ns)."""
         return self.joints.stamp
 
+    def ordered(self, names: tuple[str, ...]) -> "Tick":
+        """The same tick with its joints in the order of ``names``.
+
+        Raises:
+            ContractError: a joint is missing or unknown.
+        """
+        return self._replace(joints=self.joints.ordered(names))
+
 
 class TickAssembler:
     """Puts the records of one stamp together, whatever the order of their topics.

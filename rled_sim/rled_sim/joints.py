@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 from rled_msgs_py.errors import RledError
 
 TURNING = ("revolute", "continuous")
+LARGEST = 1e6
+"""Metres or radians that no robot has: what is computed of them stays finite."""
 
 
 class Joint(NamedTuple):
@@ -100,8 +102,8 @@ def _attributes(element: ElementTree.Element, tag: str) -> dict[str, str]:
 
 def _numbers(text: str) -> NDArray[np.float64]:
     values = np.array([float(word) for word in text.split()])
-    if values.shape != (3,):
-        raise ValueError(f"'{text}' is not three numbers")
+    if values.shape != (3,) or not (np.abs(values) < LARGEST).all():
+        raise ValueError(f"'{text}' is not three numbers below {LARGEST:g}")
     return values
 
 

@@ -54,7 +54,7 @@ class Chain:
         """Compile the chain from the root of a URDF to ``tip_link``; joints not named stay at 0.
 
         Raises:
-            RledError: not a URDF, no such link, or a named joint that is not a revolute one on the way.
+            RledError: not a URDF, no such link, or a named joint that is not one revolute joint on the way.
         """
         path = joints_to(text, tip_link)
         turning = [joint.name for joint in path if joint.kind in TURNING]
@@ -63,6 +63,8 @@ class Chain:
             raise RledError(f"no revolute joint {', '.join(missing)} moves '{tip_link}'", ", ".join(turning))
         names = tuple(joint_names)
         order = tuple(names.index(name) for name in turning if name in names)
+        if len(order) > len(names):
+            raise RledError(f"the URDF has joints of one name on the way to '{tip_link}'", "a name for each joint")
         fixed = _fold(path, names)
         return Chain(names, order, fixed, _compile(fixed, order))
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rled_msgs_py.command_output import CommandOutput
-from rled_msgs_py.errors import RledError
+from rled_msgs_py.errors import ContractError, RledError
 from rled_msgs_py.life import keeps_time
 from rled_msgs_py.node import subscribe, subscribe_ticks
 from rled_msgs_py.params import param
@@ -27,6 +27,8 @@ Steer = Callable[[Jog, Vector], Vector | None]
 
 LOOK = 0.005
 """Seconds between two looks at keys, devices and ticks that wait."""
+GONE = 1.0
+"""Seconds without a tick after which another robot may take the place of the one that was driven."""
 SLACK = 0.5
 """Share of a period that ticks of a real-time simulation may come early or late without being waited for."""
 
@@ -56,23 +58,29 @@ class Driving:
         beside_agent: publish on ``human/joint_delta`` and nothing when the person has let go.
         steer: what the person wants.
         watch: called with each tick, whether it is answered or not.
+        meet: called with task and URDF of the robot when it has described itself.
 
     Attributes:
         jog: the robot, None until it has described itself.
-        tick: the newest one, None before the first.
+        tick: the newest one, in the order of the robot's joints once ``jog`` is there; None before the first.
         delta: the newest answer (rad), shape (n,); None before the first.
     """
 
     def __init__(
-        self, node: Node, beside_agent: bool, steer: Steer, watch: Callable[[Tick], None] = lambda tick: None
+        self,
+        node: Node,
+        beside_agent: bool,
+        steer: Steer,
+        watch: Callable[[Tick], None] = lambda tick: None,
+        meet: Callable[[TaskDescription, str], None] = lambda task, urdf: None,
     ) -> None:
-        self._node, self._beside_agent, self._steer, self._watch = node, beside_agent, steer, watch
+        self._node, self._beside_agent, self._steer, self._watch, self._meet = node, beside_agent, steer, watch, meet
         self._task: TaskDescription | None = None
         self._urdf = ""
         self.jog: Jog | None = None
         self.tick: Tick | None = None
         self.delta: Vector | None = None
-        self._is_answered, self._due = True, -np.inf
+        self._is_answered, self._due, self._heard = True, -np.inf, -np.inf
         self._has_clock: bool | None = None
         self._output = CommandOutput(node, HUMAN_JOINT_DELTA if beside_agent else JOINT_DELTA)
         subscribe(node, TASK_DESCRIPTION, self._on_task)
@@ -110,7 +118,9 @@ class Driving:
         if tick.status.terminated or tick.status.truncated:
             return
         names = jog.task.joint_names
-        delta = self._steer(jog, tick.joints.ordered(names).position)
+        delta = self._steer(jog, tick.joints.position)
+        if delta is not None and not np.isfinite(delta).all():  # of a state or a device that cannot be
+            delta = None
         self.delta = np.zeros(len(names)) if delta is None else delta
         if delta is not None or not self._beside_agent:
             self._output.publish(DeltaCommand(tick.stamp, names, self.delta))
@@ -118,23 +128,39 @@ class Driving:
     def _on_tick(self, tick: Tick) -> None:
         if self._has_clock is None or (self.tick is not None and tick.stamp < self.tick.stamp):
             self._has_clock = keeps_time(self._node, JOINT_STATES)
-        self.tick, self._is_answered = tick, False
+        self.tick, self._is_answered = tick if self.jog is None else tick.ordered(self.jog.task.joint_names), False
+        self._heard = time.monotonic()
         self._output.withdraw()
-        self._watch(tick)
+        self._watch(self.tick)
         self.look()
 
     def _on_task(self, text: Text) -> None:
-        self._task = TaskDescription.from_json(text.data)
-        self._describe()
+        task = TaskDescription.from_json(text.data)
+        if self.jog is not None and time.monotonic() < self._heard + GONE:
+            self.jog.task.require_same_robot(task, "the new description")
+        self._describe(task, self._urdf)
 
     def _on_robot(self, text: Text) -> None:
-        self._urdf = text.data
-        self._describe()
+        self._describe(self._task, text.data)
 
-    def _describe(self) -> None:
-        if self._task is None or not self._urdf:
+    def _describe(self, task: TaskDescription | None, urdf: str) -> None:
+        """Take the newest description; one that does not fit changes nothing once there is a robot."""
+        if self.jog is None:
+            self._task, self._urdf = task, urdf
+        if task is None or not urdf:
             return
         try:
-            self.jog = Jog(self._task, Chain.from_urdf(self._urdf, self._task.tip_link, self._task.joint_names))
+            jog = Jog(task, Chain.from_urdf(urdf, task.tip_link, task.joint_names))
         except RledError as error:
-            self._node.get_logger().error(str(error))
+            self._node.get_logger().error(str(error), throttle_duration_sec=1.0)
+            return
+        self._task, self._urdf = task, urdf
+        self._drive(jog)
+        self._meet(task, urdf)
+
+    def _drive(self, jog: Jog) -> None:
+        self.jog, self._due = jog, -np.inf
+        try:
+            self.tick = self.tick and self.tick.ordered(jog.task.joint_names)
+        except ContractError:  # it is of the robot before
+            self.tick = None

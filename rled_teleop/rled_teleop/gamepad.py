@@ -81,11 +81,12 @@ class Gamepad:
         timeout: deadman time (s).
 
     Attributes:
+        joints: of the robot.
         joint: the one that the turning stick turns.
     """
 
     def __init__(self, layout: Layout, joints: int, timeout: float) -> None:
-        self._layout, self._joints, self._timeout = layout, joints, timeout
+        self._layout, self.joints, self._timeout = layout, joints, timeout
         self._state, self._until = PadState((), ()), -np.inf
         self.joint = 0
 
@@ -93,7 +94,7 @@ class Gamepad:
         """Take a state at a time (s); return what the buttons that were pressed since the last one ask for."""
         before, self._state, self._until = self._state, state, now + self._timeout
         if self._is_new(before, self._layout.next_joint):
-            self.joint = (self.joint + 1) % self._joints
+            self.joint = (self.joint + 1) % self.joints
         return [request for name, request in _REQUESTS.items() if self._is_new(before, getattr(self._layout, name))]
 
     def delta(self, jog: Jog, q: Vector, now: float) -> Vector | None:

@@ -70,12 +70,13 @@ class Keyboard:
         timeout: deadman time (s).
 
     Attributes:
+        joints: of the robot.
         joint: the chosen one.
         speed: place in ``SPEEDS``.
     """
 
     def __init__(self, joints: int, timeout: float) -> None:
-        self._joints, self._timeout = joints, timeout
+        self.joints, self._timeout = joints, timeout
         self._motion: Motion | None = None
         self._until = -np.inf
         self.joint, self.speed = 0, SPEEDS.index(1 / 4)
@@ -98,7 +99,7 @@ class Keyboard:
             self.speed = min(max(self.speed + (1 if key in FASTER else -1), 0), len(SPEEDS) - 1)
         else:
             self.stop()
-            if key.isascii() and key.isdigit() and 1 <= int(key) <= self._joints:
+            if key.isascii() and key.isdigit() and 1 <= int(key) <= self.joints:
                 self.joint = int(key) - 1
         return None
 

@@ -59,7 +59,7 @@ class RecordingMapping:
         """Joint angles of the robot (rad), shape (n,), for a sample of the device.
 
         Raises:
-            RledError: the device lacks a joint.
+            RledError: the device lacks a joint, or is where no robot can follow.
         """
         places = {name: place for place, name in enumerate(device.names)}
         missing = [each.name for each in self.maps if each.name not in places]
@@ -69,6 +69,8 @@ class RecordingMapping:
             )
         angles = device.position[[places[each.name] for each in self.maps]]  # (n,)
         mapped: Vector = np.array([each.scale for each in self.maps]) * angles + [each.offset for each in self.maps]
+        if not np.isfinite(mapped).all():
+            raise RledError(f"the device is at {angles.tolist()}", "angles whose image is finite")
         return mapped
 
 

@@ -100,7 +100,7 @@ class Joining:
     def observe(self, tick: Tick, q: Floats) -> None:
         """Take in a state: count a target that was reached, begin a motion when there is a new one."""
         if self._last is not None and self._last.status.episode == tick.status.episode:
-            self.reached += tick.status.targets_reached - self._last.status.targets_reached
+            self.reached += tick.status.targets_reached > self._last.status.targets_reached  # one in a tick at most
         if self._is_new_target(tick):
             self._motion = self._steer(q, self.nearest(tick.target.position))
         self._last = tick

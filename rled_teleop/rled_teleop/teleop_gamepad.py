@@ -67,7 +67,7 @@ class TeleopGamepad(Node):
         return self._gamepad_of(jog).delta(jog, q, time.monotonic())
 
     def _gamepad_of(self, jog: Jog) -> Gamepad:
-        if self._gamepad is None:
+        if self._gamepad is None or self._gamepad.joints != jog.task.action_size:
             self._gamepad = Gamepad(self._params.layout(), jog.task.action_size, self._params.timeout)
         return self._gamepad
 

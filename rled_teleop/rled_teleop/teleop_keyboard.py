@@ -50,7 +50,7 @@ class TeleopKeyboard(Node):
         return self._keyboard_of(jog).delta(jog, q, time.monotonic())
 
     def _keyboard_of(self, jog: Jog) -> Keyboard:
-        if self._keyboard is None:
+        if self._keyboard is None or self._keyboard.joints != jog.task.action_size:
             self._keyboard = Keyboard(jog.task.action_size, self._params.timeout)
         return self._keyboard
 

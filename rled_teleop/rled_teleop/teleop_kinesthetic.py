@@ -46,10 +46,13 @@ class Follower:
         mapping: g_rec.
         speed: share of Δq_max.
         timeout: deadman time (s): a silent device asks for nothing.
+
+    Attributes:
+        mapping: as given.
     """
 
     def __init__(self, mapping: RecordingMapping, speed: float, timeout: float) -> None:
-        self._mapping, self._speed, self._timeout = mapping, speed, timeout
+        self.mapping, self._speed, self._timeout = mapping, speed, timeout
         self._goal: NDArray[np.float64] | None = None
         self._until = -np.inf
 
@@ -57,9 +60,9 @@ class Follower:
         """Take a sample at a time (s).
 
         Raises:
-            RledError: the device lacks a joint.
+            RledError: the device lacks a joint, or is where no robot can follow.
         """
-        self._goal, self._until = self._mapping.robot_joints(sample), now + self._timeout
+        self._goal, self._until = self.mapping.robot_joints(sample), now + self._timeout
 
     def delta(self, jog: Jog, q: NDArray[np.float64], now: float) -> NDArray[np.float64] | None:
         """Δq (rad) towards the device for joint angles ``q`` at a time (s), shape (n,); None when it is silent."""
@@ -84,7 +87,7 @@ class TeleopKinesthetic(Node):
         return self._follower_of(jog).delta(jog, q, time.monotonic())
 
     def _follower_of(self, jog: Jog) -> Follower:
-        if self._follower is None:
+        if self._follower is None or self._follower.mapping.joints != jog.task.joint_names:
             mapping = RecordingMapping.from_yaml(self._params.mapping, jog.task.joint_names)
             self._follower = Follower(mapping, self._params.speed, self._params.timeout)
         return self._follower

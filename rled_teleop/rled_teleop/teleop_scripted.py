@@ -8,6 +8,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rled_msgs_py.command_output import CommandOutput
+from rled_msgs_py.errors import ContractError
 from rled_msgs_py.messages import encode
 from rled_msgs_py.node import advertise, declare, run_node, subscribe, subscribe_ticks
 from rled_msgs_py.params import param
@@ -91,7 +92,11 @@ class TeleopScripted(Node):
             return
         assert self._operator is not None
         tick, self._tick = self._tick, None
-        answer = self._operator.answer(tick)
+        try:
+            answer = self._operator.answer(tick)
+        except ContractError as error:
+            self.get_logger().warning(f"a tick is not answered: {error}", throttle_duration_sec=1.0)
+            return
         if answer.mark:
             self._marked_joints.publish(encode(MARKED_JOINT_STATES, tick.joints))
             self._marked_pose.publish(encode(MARKED_EE_POSE, tick.ee))

@@ -4,6 +4,7 @@ import ast
 import re
 import subprocess
 import sys
+from importlib import import_module
 from importlib.metadata import distribution, packages_distributions, requires, version
 from pathlib import Path
 from xml.etree import ElementTree
@@ -70,9 +71,10 @@ def test_all_packages_carry_one_version_and_licence(package: str) -> None:
 
 
 @pytest.mark.parametrize("package", PACKAGES)
-def test_executables_are_functions_that_exist(package: str) -> None:
+def test_executables_start_modules_that_have_a_main(package: str) -> None:
     for script in distribution(package).entry_points.select(group="console_scripts"):
-        assert callable(script.load()), script
+        assert script.module == "rled_msgs_py.starting"
+        assert callable(import_module(script.attr).main), script
 
 
 def test_requirements_name_what_the_packages_require() -> None:

@@ -1,6 +1,7 @@
 """Messages that nobody should send: any value in any field of any class, near misses, and bytes that are no message."""
 
 import importlib
+import json
 import math
 import re
 from typing import Any
@@ -9,13 +10,34 @@ from hypothesis import strategies as st
 from rclpy.serialization import serialize_message
 
 WORDS = st.sampled_from(
-    ["", "shoulder", "elbow", "panda_joint1", "world", "task", "refused", "-1", "nan", "1e999", "\0"]
+    [
+        "",
+        "shoulder",
+        "elbow",
+        "panda_joint1",
+        "world",
+        "task",
+        "refused",
+        "1",
+        "-1",
+        "nan",
+        "1e999",
+        "9" * 20,
+        "x" * 3000,
+        "\0",
+    ]
 )
-TEXTS = st.one_of(WORDS, st.text(st.characters(exclude_categories=["Cs"]), max_size=20), st.just("x" * 3000))
-DOUBLES = st.one_of(st.sampled_from([math.nan, math.inf, -math.inf, 0.0, -0.0, 1e308, 5e-324]), st.floats())
+TEXTS = st.one_of(WORDS, st.text(st.characters(exclude_categories=["Cs"]), max_size=20))
+DOUBLES = st.one_of(st.sampled_from([math.nan, math.inf, -math.inf, 0.0, -0.0, 1e308, -1e308, 5e-324]), st.floats())
 BITS = {"int8": 7, "int16": 15, "int32": 31, "int64": 63, "uint8": 8, "uint16": 16, "uint32": 32, "uint64": 64}
 SEQUENCE = re.compile(r"sequence<(.+?)(?:, \d+)?>$")
 ARRAY = re.compile(r"(.+)\[(\d+)\]$")
+QUOTED = re.compile(r'"[^"]*"')
+JSON = st.recursive(
+    st.one_of(st.none(), st.booleans(), st.integers(), st.sampled_from([10**400, -1, 2**63]), DOUBLES, TEXTS),
+    lambda inner: st.one_of(st.lists(inner, max_size=3), st.dictionaries(WORDS, inner, max_size=3)),
+    max_leaves=6,
+)
 
 
 def hostile(message: type) -> st.SearchStrategy[Any]:
@@ -27,18 +49,27 @@ def hostile(message: type) -> st.SearchStrategy[Any]:
 
 
 def near_miss(message: Any) -> st.SearchStrategy[Any]:
-    """A message like a lawful one, but for one field, or a field of a field."""
+    """A message like a lawful one, but for one field, or a part of it."""
     fields = type(message).get_fields_and_field_types()
 
     def changed(name: str) -> st.SearchStrategy[Any]:
         value = getattr(message, name)
-        nested = hasattr(value, "get_fields_and_field_types")
-        values = st.one_of(near_miss(value), _values(fields[name])) if nested else _values(fields[name])
-        return values.map(
+        return st.one_of(_values(fields[name]), *_nearly(value, fields[name])).map(
             lambda other: type(message)(**{each: getattr(message, each) for each in fields} | {name: other})
         )
 
     return st.sampled_from(sorted(fields)).flatmap(changed)
+
+
+def near_text(text: str) -> st.SearchStrategy[str]:
+    """A text like a lawful one: JSON with one value changed, or a URDF with one attribute changed."""
+    if text.startswith("{"):
+        return _near_object(json.loads(text)).map(json.dumps)
+    places = [found.span() for found in QUOTED.finditer(text)]
+    words = st.one_of(TEXTS, st.sampled_from(["1e308 0 0", "0 0 nan", "1 2", "prismatic", "revolute", "base", "tip"]))
+    return st.tuples(st.sampled_from(places), words).map(
+        lambda each: f'{text[: each[0][0]]}"{each[1]}"{text[each[0][1] :]}'
+    )
 
 
 def garbage(message: Any) -> st.SearchStrategy[bytes]:
@@ -54,7 +85,32 @@ def garbage(message: Any) -> st.SearchStrategy[bytes]:
 
 def attacks(message: Any) -> st.SearchStrategy[Any]:
     """All of these, for one lawful message of its class."""
-    return st.one_of(hostile(type(message)), near_miss(message), garbage(message))
+    text = getattr(message, "data", None)
+    texts = [near_text(text).map(lambda other: type(message)(data=other))] if isinstance(text, str) else []
+    return st.one_of(hostile(type(message)), near_miss(message), garbage(message), *texts)
+
+
+def _near_object(values: dict[str, Any]) -> st.SearchStrategy[dict[str, Any]]:
+    def changed(name: str) -> st.SearchStrategy[dict[str, Any]]:
+        nested = [_near_object(values[name])] if isinstance(values[name], dict) else []
+        return st.one_of(JSON, *nested).map(lambda other: values | {name: other})
+
+    return st.sampled_from(sorted(values)).flatmap(changed)
+
+
+def _nearly(value: Any, kind: str) -> list[st.SearchStrategy[Any]]:
+    """What is like the value of a field but for a part of it, if it has parts."""
+    if hasattr(value, "get_fields_and_field_types"):
+        return [near_miss(value)]
+    if not (found := SEQUENCE.match(kind)) or not len(value):
+        return []
+    parts, part = list(value), found[1]
+
+    def changed(place: int) -> st.SearchStrategy[list[Any]]:
+        others = st.one_of(_values(part), *_nearly(parts[place], part))
+        return others.map(lambda other: [*parts[:place], other, *parts[place + 1 :]])
+
+    return [st.integers(0, len(parts) - 1).flatmap(changed)]
 
 
 def _values(kind: str) -> st.SearchStrategy[Any]:

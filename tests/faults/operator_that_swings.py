@@ -9,13 +9,15 @@ from rled_msgs_py.records import DeltaCommand
 from rled_msgs_py.tick import Tick
 from rled_msgs_py.topics import JOINT_DELTA
 
+JOINTS = ("shoulder", "elbow")
+
 node = Node("operator", context=fresh_context())
 output = advertise(node, JOINT_DELTA)
 
 
 def answer(tick: Tick) -> None:
     side = 1.0 if tick.status.step % 20 < 10 else -1.0
-    output.publish(to_msg(DeltaCommand(tick.stamp, tick.joints.names, np.array([0.03 * side, 0.0]))))
+    output.publish(to_msg(DeltaCommand(tick.stamp, JOINTS, np.array([0.03 * side, 0.0]))))
 
 
 subscribe_ticks(node, answer)

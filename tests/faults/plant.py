@@ -2,22 +2,26 @@
 
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rcl_interfaces.srv import SetParameters
+from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rled_msgs_py.convert import to_msg
-from rled_msgs_py.node import advertise, fresh_context, spin_until, subscribe, subscribe_ticks
-from rled_msgs_py.processes import Children, program
+from rled_msgs_py.convert import MESSAGE_CLASSES, qos_profile, to_msg
+from rled_msgs_py.errors import ContractError
+from rled_msgs_py.messages import decode
+from rled_msgs_py.node import advertise, fresh_context, spin_until, subscribe
+from rled_msgs_py.processes import Child, Children, program
 from rled_msgs_py.records import DeltaCommand, Health, Text
 from rled_msgs_py.task import TaskDescription
-from rled_msgs_py.tick import Tick
-from rled_msgs_py.topics import DIAGNOSTICS, JOINT_DELTA, TASK_DESCRIPTION, Qos
+from rled_msgs_py.tick import STATE_TOPICS, Tick, TickAssembler
+from rled_msgs_py.topics import DIAGNOSTICS, JOINT_DELTA, TASK_DESCRIPTION, Qos, Topic
 from rled_sim.commands import Code
 from rled_sim.robots import ROBOTS
 from std_srvs.srv import Trigger
@@ -27,20 +31,81 @@ DEEP = 100_000
 """Samples that the watcher's readers keep: it may be slower than the graph."""
 
 
+class Peer:
+    """A node in a process of its own, by its services.
+
+    Args:
+        plant: that it lives beside.
+        name: of the node.
+        child: its process.
+
+    Attributes:
+        plant: as given.
+        name: as given.
+        child: the newest process, if it was started again.
+    """
+
+    def __init__(self, plant: "Plant", name: str, child: Child) -> None:
+        self.plant, self.name, self.child = plant, name, child
+        self._clients: dict[str, Any] = {}
+
+    def call(self, kind: type, name: str, request: Any = None, **fields: Any) -> Any:
+        """The answer of a service."""
+        if name not in self._clients:
+            self._clients[name] = self.plant.node.create_client(kind, f"{self.name}/{name}")
+        client = self._clients[name]
+        self.plant.wait(lambda: client.service_is_ready() or self._is_gone(), name)
+        answer = client.call_async(request or kind.Request(**fields))  # type: ignore[attr-defined]
+        self.plant.wait(lambda: answer.done() or self._is_gone(), f"an answer of {name}")
+        assert not self._is_gone(), list(self.child.last_lines)
+        return answer.result()
+
+    def set(self, **values: Any) -> str:
+        """Set parameters; why it was refused, if it was."""
+        wanted = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
+        results = self.call(SetParameters, "set_parameters", parameters=wanted).results
+        return " ".join(each.reason for each in results if not each.successful)
+
+    def ping(self) -> None:
+        """Wait for any answer."""
+        self.call(GetParameters, "get_parameters", names=[])
+
+    def resident(self) -> float:
+        """Memory of its process (MB)."""
+        status = Path(f"/proc/{self.child.process.pid}/status").read_text()
+        return int(status.partition("VmRSS:")[2].split()[0]) / 1024.0
+
+    def settle(self) -> None:
+        """Wait until its memory has been the same for a second: all is loaded."""
+        seen = [(0.0, 0.0)]  # memory, and since when
+
+        def settled() -> bool:
+            now, memory = time.monotonic(), self.resident()
+            if memory > seen[0][0] + 0.1:
+                seen[0] = memory, now
+            return now > seen[0][1] + 1.0
+
+        self.plant.wait(settled, f"{self.name} to settle")
+
+    def _is_gone(self) -> bool:
+        return self.child.exit_code is not None
+
+
 class Plant:
     """A context manager: ``sim_node`` with arguments, watched.
 
     Attributes:
         children: the simulation, and what else is started.
-        simulation: its process.
+        sim: its node.
         ticks: all ticks so far.
         health: reports of all nodes, newest last.
+        forged: messages that are not the simulation's, whatever they say.
     """
 
     def __init__(self, *arguments: str) -> None:
         self.children = Children()
         self._motors = "motors" in arguments
-        self.start(*arguments)
+        self.sim = Peer(self, "sim", self._started(*arguments))
         self.context = fresh_context()
         self.node = Node("watcher", context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)
@@ -48,17 +113,24 @@ class Plant:
         self.ticks: list[Tick] = []
         self.health: list[Health] = []
         self._tasks: list[TaskDescription] = []
-        subscribe_ticks(self.node, self.ticks.append, DEEP)
+        self.forged: set[bytes] = set()
+        self._listen()
         self._reported = 0.0
         subscribe(self.node, replace(DIAGNOSTICS, qos=Qos(depth=DEEP)), self._on_health)
         subscribe(self.node, TASK_DESCRIPTION, self._on_task)
         self.output = advertise(self.node, JOINT_DELTA)
-        self._clients: dict[str, Any] = {}
+
+    @property
+    def simulation(self) -> Child:
+        return self.sim.child
 
     def start(self, *arguments: str) -> None:
         """Start a simulation; it is the one that is watched from now on."""
+        self.sim.child = self._started(*arguments)
+
+    def _started(self, *arguments: str) -> Child:
         command = [*program("rled_sim", "sim_node"), "--discovery-wait", "0.2", *arguments]
-        self.simulation = self.children.start(command, echo=False)
+        return self.children.start(command, echo=False)
 
     def __enter__(self) -> "Plant":
         met = lambda: self.ticks and self._tasks and self.output.get_subscription_count()  # noqa: E731
@@ -78,6 +150,21 @@ class Plant:
     @property
     def tick(self) -> Tick:
         return self.ticks[-1]
+
+    def _listen(self) -> None:
+        assembler = TickAssembler()
+
+        def received(topic: Topic, data: bytes) -> None:
+            if data not in self.forged:
+                with suppress(ContractError):  # forged too, and padded on its way
+                    record: Any = decode(topic, data)
+                    if (tick := assembler.add(topic.name, record)) is not None:
+                        self.ticks.append(tick)
+
+        for topic in STATE_TOPICS:
+            qos = qos_profile(replace(topic.qos, depth=DEEP))
+            kind, hear = MESSAGE_CLASSES[topic.type], partial(received, topic)
+            self.node.create_subscription(kind, topic.name, hear, qos, raw=True)
 
     def _on_task(self, text: Text) -> None:
         if not self._tasks:  # what comes later may be a rogue's
@@ -110,16 +197,9 @@ class Plant:
             assert not np.array_equal(tick.joints.position, before.joints.position), tick.status.refused
         return self.tick
 
-    def call(self, kind: type, name: str, request: Any = None, **fields: Any) -> Any:
+    def call(self, kind: type, name: str, **fields: Any) -> Any:
         """The answer of a service of the simulation."""
-        if name not in self._clients:
-            self._clients[name] = self.node.create_client(kind, f"sim/{name}")
-        client = self._clients[name]
-        self.wait(client.service_is_ready, name)
-        answer = client.call_async(request or kind.Request(**fields))  # type: ignore[attr-defined]
-        self.wait(lambda: answer.done() or self.simulation.exit_code is not None, f"an answer of {name}")
-        assert self.simulation.exit_code is None, list(self.simulation.last_lines)
-        return answer.result()
+        return self.sim.call(kind, name, **fields)
 
     def reset(self) -> None:
         """Begin an episode and wait for its first tick."""
@@ -128,9 +208,7 @@ class Plant:
 
     def set(self, **values: Any) -> str:
         """Set parameters of the simulation; why it was refused, if it was."""
-        wanted = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
-        results = self.call(SetParameters, "set_parameters", parameters=wanted).results
-        return " ".join(each.reason for each in results if not each.successful)
+        return self.sim.set(**values)
 
     def measure(self, act: Callable[[], Any], decided: Callable[[], Any], what: str) -> float:
         """Milliseconds from an act to what shows that it was decided on."""
@@ -160,11 +238,6 @@ class Plant:
         before = int(self.health[-1].values[counter])
         return lambda: any(int(each.values.get(counter, 0)) > before for each in self.health[begun:])
 
-    def resident(self) -> float:
-        """Memory of the simulation (MB)."""
-        status = Path(f"/proc/{self.simulation.process.pid}/status").read_text()
-        return int(status.partition("VmRSS:")[2].split()[0]) / 1024.0
-
     def unlawful(self, since: int = 0) -> list[str]:
         """Motions beyond Δq_max and joints beyond their limits, from a tick on; a new episode may begin elsewhere.
 
@@ -181,3 +254,10 @@ class Plant:
             if (q < np.array(task.joint_lower) - slack).any() or (q > np.array(task.joint_upper) + slack).any():
                 found.append(f"joints at {q} at {after.stamp} ns")
         return found
+
+
+def learning_process(node: Child) -> list[int]:
+    """The processes in which an agent node learns; one that has ended is not among them."""
+    parent = node.process.pid
+    children = map(int, Path(f"/proc/{parent}/task/{parent}/children").read_text().split())
+    return [each for each in children if b"learning_process" in Path(f"/proc/{each}/cmdline").read_bytes()]

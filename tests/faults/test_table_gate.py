@@ -9,11 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import torch
-from rcl_interfaces.srv import SetParameters
-from rclpy.parameter import Parameter
-from rled_agent.networks import Network
-from rled_agent.policy import Policy, load_policy
 from rled_msgs_py.convert import to_msg
 from rled_msgs_py.node import advertise, subscribe
 from rled_msgs_py.processes import Child, program
@@ -22,7 +17,8 @@ from rled_msgs_py.tick import STATE_TOPICS
 from rled_msgs_py.topics import HUMAN_JOINT_DELTA, JOINT_STATES, ROBOT_DESCRIPTION, SAFETY_GATE, TASK_DESCRIPTION, Qos
 from std_srvs.srv import SetBool
 
-from .plant import DEEP, Plant
+from ..graph.team import actor_like
+from .plant import DEEP, Peer, Plant, learning_process
 
 Take = Callable[[str, str, float, list[str]], None]
 JOINTS = ("shoulder", "elbow")
@@ -40,25 +36,12 @@ class Gate:
         self.person = advertise(plant.node, HUMAN_JOINT_DELTA)
         self._options = ["--expert", expert, "--agent", agent, "--threshold", SURE, "--measure", "iqr"]
         self._options += ["--learning-state", agent.with_name("learning.safetensors")]
-        self.node = self.start()
+        self.peer = Peer(plant, "agent_node", self.start())
         plant.wait(lambda: bool(self.decisions) and bool(self.person.get_subscription_count()), "the agent")
 
     def start(self) -> Child:
         command = [*program("rled_agent", "agent_node"), *map(str, self._options)]
         return self.plant.children.start(command, echo=False)
-
-    def call(self, kind: type, name: str, **fields: Any) -> Any:
-        client = self.plant.node.create_client(kind, f"agent_node/{name}")
-        self.plant.wait(client.service_is_ready, name)
-        answer = client.call_async(kind.Request(**fields))  # type: ignore[attr-defined]
-        self.plant.wait(answer.done, f"an answer of {name}")
-        self.plant.node.destroy_client(client)
-        return answer.result()
-
-    def set(self, **values: Any) -> str:
-        wanted = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
-        results = self.call(SetParameters, "set_parameters", parameters=wanted).results
-        return " ".join(each.reason for each in results if not each.successful)
 
     def command(self, delta: tuple[float, ...] = MOTION, names: tuple[str, ...] = JOINTS, late: int = 0) -> Any:
         return to_msg(DeltaCommand(self.plant.tick.stamp - late, names, delta))
@@ -80,12 +63,7 @@ class Gate:
 
 @pytest.fixture(scope="module")
 def gate(ros_domain: int, planar_expert: Path, planar_bag: Path, tmp_path_factory) -> Iterator[Gate]:
-    expert = load_policy(planar_expert)
-    settings = replace(expert.network.architecture, dropout=0.1)
-    network = Network(expert.network.sizes[0], expert.network.sizes[-1], settings, torch.Generator(), squash=True)
-    network.parameters.copy_(expert.network.parameters)
-    agent = tmp_path_factory.mktemp("gate") / "actor.safetensors"
-    Policy(network, expert.scaling, expert.task).save(agent)
+    agent = actor_like(planar_expert, tmp_path_factory.mktemp("gate") / "actor.safetensors")
     options = ["--robot", "planar", "--start-points", str(planar_bag), "--mode", "real_time", "--joint-margin", "0.05"]
     with Plant(*options) as plant:
         yield Gate(plant, agent, planar_expert)
@@ -136,30 +114,30 @@ def test_a_person_takes_over_and_lets_go(gate: Gate, row: Take) -> None:
 def test_an_unsure_agent_does_not_act(gate: Gate, row: Take) -> None:
     plant, since = gate.plant, len(gate.plant.ticks) - 1
     by_expert = gate.decided(lambda each: each.code is GateCode.UNSURE)
-    took = plant.measure(lambda: gate.set(threshold=UNSURE), by_expert, "the expert's turn")
+    took = plant.measure(lambda: gate.peer.set(threshold=UNSURE), by_expert, "the expert's turn")
     assert gate.decisions[-1].actor is Actor.EXPERT
     row("the agent is unsure", "the expert acts", took, plant.unlawful(since))
     asks = gate.decided(lambda each: each.code is GateCode.ASKING)
-    took = plant.measure(lambda: gate.set(query_timeout=0.5), asks, "the question")
+    took = plant.measure(lambda: gate.peer.set(query_timeout=0.5), asks, "the question")
     row("the agent is unsure, query mode", "hold, a person is asked", took, plant.unlawful(since))
     by_expert = gate.decided(lambda each: each.code is GateCode.UNSURE)
     took = plant.measure(lambda: None, by_expert, "the expert's turn")
     row("nobody answers the question for 500 ms", "the expert acts", took, plant.unlawful(since))
-    gate.set(threshold=SURE, query_timeout=0.0)
+    gate.peer.set(threshold=SURE, query_timeout=0.0)
     gate.await_agent()
 
 
 def test_the_emergency_stop_of_the_gate_silences_it(gate: Gate, row: Take) -> None:
     plant, since = gate.plant, len(gate.plant.ticks) - 1
     stopped = gate.decided(lambda each: each.code is GateCode.STOPPED)
-    took = plant.measure(lambda: gate.call(SetBool, "estop", data=True), stopped, "the stop")
+    took = plant.measure(lambda: gate.peer.call(SetBool, "estop", data=True), stopped, "the stop")
     gate.person.publish(gate.command())
     held = len(plant.ticks)
     plant.wait(lambda: len(plant.ticks) > held + 20, "ticks")
     still = [tick.joints.position for tick in plant.ticks[held + 5 :]]
     assert all(np.array_equal(q, still[0]) for q in still)
     row("the gate's emergency stop, a person commands", "no answer: hold", took, plant.unlawful(since))
-    assert gate.call(SetBool, "estop", data=False).success
+    assert gate.peer.call(SetBool, "estop", data=False).success
     gate.await_agent()
 
 
@@ -205,7 +183,7 @@ def test_a_state_of_another_robot_is_not_answered(gate: Gate, row: Take) -> None
 
 def test_a_parameter_of_the_gate_out_of_its_range_is_refused(gate: Gate, row: Take) -> None:
     plant, since, reasons = gate.plant, len(gate.plant.ticks) - 1, list[str]()
-    took = plant.measure(lambda: reasons.append(gate.set(hysteresis=2.0)), lambda: reasons, "an answer")
+    took = plant.measure(lambda: reasons.append(gate.peer.set(hysteresis=2.0)), lambda: reasons, "an answer")
     assert reasons[0]
     row("hysteresis of 2", "refused, with the reason", took, plant.unlawful(since))
 
@@ -230,22 +208,16 @@ def test_what_a_limit_forbids_the_agent_somebody_else_does_or_nobody(gate: Gate,
     row("a limit forbids what the agent wants", "the expert acts if it may, else hold", took, plant.unlawful(since))
 
 
-def learning_process(node: Child) -> list[int]:
-    parent = node.process.pid
-    children = map(int, Path(f"/proc/{parent}/task/{parent}/children").read_text().split())
-    return [each for each in children if b"learning_process" in Path(f"/proc/{each}/cmdline").read_bytes()]
-
-
 def test_the_learning_process_dies_and_control_goes_on(gate: Gate, row: Take) -> None:
     plant, since = gate.plant, len(gate.plant.ticks) - 1
-    assert gate.call(SetBool, "learn", data=True).success
-    plant.wait(lambda: bool(learning_process(gate.node)), "the learning process")
+    assert gate.peer.call(SetBool, "learn", data=True).success
+    plant.wait(lambda: bool(learning_process(gate.peer.child)), "the learning process")
     begun = len(plant.health)
     told = lambda: any("learning process has ended" in each.message for each in plant.health[begun:])  # noqa: E731
-    took = plant.measure(lambda: os.kill(learning_process(gate.node)[0], signal.SIGKILL), told, "a report")
+    took = plant.measure(lambda: os.kill(learning_process(gate.peer.child)[0], signal.SIGKILL), told, "a report")
     gate.await_agent()
     row("the learning process is killed", "reported; the agent goes on", took, plant.unlawful(since))
-    assert gate.call(SetBool, "learn", data=False).success
+    assert gate.peer.call(SetBool, "learn", data=False).success
 
 
 def test_the_agent_dies_and_the_robot_holds(gate: Gate, row: Take) -> None:
@@ -255,9 +227,9 @@ def test_the_agent_dies_and_the_robot_holds(gate: Gate, row: Take) -> None:
         last = [each.joints.position for each in plant.ticks[-10:]]
         return all(np.array_equal(q, last[0]) for q in last)
 
-    took = plant.measure(gate.node.process.kill, is_still, "a hold")
+    took = plant.measure(gate.peer.child.process.kill, is_still, "a hold")
     row("the agent is killed", "hold; 200 ms of them are looked at", took, plant.unlawful(since))
-    plant.children.end(gate.node)
+    plant.children.end(gate.peer.child)
     began = gate.decided(lambda each: each.actor is Actor.AGENT)
-    took = plant.measure(lambda: setattr(gate, "node", gate.start()), began, "the agent's turn")
+    took = plant.measure(lambda: setattr(gate.peer, "child", gate.start()), began, "the agent's turn")
     row("the agent is started again", "it answers", took, plant.unlawful(since))

@@ -74,6 +74,15 @@ def test_a_slot_that_is_too_small_is_refused(slots):
         WeightSlot(5000, slots[0].name)
 
 
+def test_a_transition_that_is_not_finite_is_not_offered(planar_expert, tmp_path):
+    apprentice = Apprentice(load_policy(planar_expert).network, planar_expert, tmp_path / "state.safetensors")
+    try:
+        apprentice.offer(np.array([0.0, np.inf], dtype=np.float32))
+        assert (apprentice.offered, apprentice.dropped) == (1, 1)
+    finally:
+        apprentice.close(0.0)
+
+
 def learned(seed: int = 0, rows: int = 30) -> tuple[Learner, Replay]:
     learner, replay = Learner(4, 2, CONFIG, torch.Generator().manual_seed(seed)), Replay(4, 2, 20)
     drawing = np.random.default_rng(seed)

@@ -162,7 +162,17 @@ def diagnostic(level=DiagnosticStatus.OK, message="ok", **values):
 
 @pytest.mark.parametrize(
     ("field", "value"),
-    [("step", "-1"), ("step", "1.5"), ("step", "nan"), ("episode", "²"), ("risky", "2"), ("reward", "much")],
+    [
+        ("step", "-1"),
+        ("step", "1.5"),
+        ("step", "nan"),
+        ("step", "9" * 19),
+        ("step", "9" * 5000),
+        ("episode", "²"),
+        ("risky", "2"),
+        ("reward", "much"),
+    ],
+    ids=lambda value: value[:20],
 )
 def test_a_status_with_another_kind_of_value_is_refused(field, value):
     message = to_msg(TaskStatus(0, 1, 2, -0.25, 3, True, 4, False, True))

@@ -98,6 +98,19 @@ def test_a_bad_message_is_dropped_and_the_next_is_taken(graph):
     assert isinstance(refused[0], ContractError)
 
 
+def test_what_a_callback_finds_to_break_the_contract_is_refused(graph):
+    refused = []
+
+    def callback(command: DeltaCommand) -> None:
+        command.ordered(("b",))
+
+    subscription = subscribe(graph.listener, JOINT_DELTA, callback, refused.append)
+    publisher = graph.publisher(JOINT_DELTA, subscription)
+    publisher.publish(JointState(name=["a"], position=[0.5]))
+    graph.spin_until(lambda: refused)
+    assert "differs in a, b" in str(refused[0])
+
+
 def test_a_late_joiner_receives_the_waiting_tick(graph):
     for topic, record in tick(3)[:4]:
         advertise(graph.talker, topic).publish(to_msg(record))

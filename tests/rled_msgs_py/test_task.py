@@ -50,7 +50,12 @@ def test_description_survives_json(task):
     assert TaskDescription.from_json(task.to_json()) == task
 
 
-@pytest.mark.parametrize("text", ["", "{", "nonsense", "[" * 100_000])
+HUGE = 10**400
+DEEP = TASK.to_json().replace('"axes": [0, 1]', '"axes": ' + "[" * 800 + "]" * 800)
+"""JSON that can be read, but nested deeper than it can be looked at."""
+
+
+@pytest.mark.parametrize("text", ["", "{", "nonsense", "[" * 100_000, DEEP])
 def test_text_that_is_no_json_is_refused(text):
     with pytest.raises(ContractError, match="is no JSON"):
         TaskDescription.from_json(text)
@@ -63,7 +68,9 @@ def test_other_fields_are_refused(text):
 
 
 @pytest.mark.parametrize("field", [each.name for each in fields(TaskDescription)])
-@pytest.mark.parametrize("value", [None, True, {}, [None], [[1]], float("nan")], ids=str)
+@pytest.mark.parametrize(
+    "value", [None, True, {}, [None], [[1]], float("nan"), 10**400, [10**400]], ids=lambda v: str(v)[:9]
+)
 def test_a_wrong_kind_of_value_is_refused_naming_the_field(field, value):
     with pytest.raises(ContractError, match=field):
         TaskDescription.from_json(json.dumps(asdict(TASK) | {field: value}))

@@ -148,6 +148,14 @@ def test_wrong_number_of_joints_is_refused():
         (one_joint("0 0 1"), "hand", ("turn",), "no link 'hand'"),
         (one_joint("0 0 1"), "tip", ("turn", "twist"), "no revolute joint twist"),
         (one_joint("0 0 1", kind="prismatic"), "tip", ("turn",), "no revolute joint turn"),
+        (one_joint("0 0 1", origin="nan 0 0"), "tip", ("turn",), "not three numbers below 1e"),
+        (one_joint("0 0 1", origin="1e308 0 0"), "tip", ("turn",), "not three numbers below 1e"),
+        (
+            one_joint("0 0 1").replace('"end" type="fixed"', '"turn" type="revolute"'),
+            "tip",
+            ("turn",),
+            "joints of one name",
+        ),
     ],
 )
 def test_bad_robot_descriptions_are_refused(text, tip, names, what):

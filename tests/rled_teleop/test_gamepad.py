@@ -187,6 +187,12 @@ def test_a_device_without_a_joint_is_refused():
         mapping.robot_joints(sample(shoulder=1.0))
 
 
+def test_a_device_where_no_robot_can_follow_is_refused():
+    mapping = RecordingMapping.from_yaml("{elbow: {scale: 2.0}}", ("shoulder", "elbow"))
+    with pytest.raises(RledError, match="the device is at"):
+        mapping.robot_joints(sample(shoulder=0.0, elbow=1.7e308))
+
+
 def test_the_robot_follows_straight_and_holds_when_the_device_is_silent(jog):
     follower = Follower(RecordingMapping.from_yaml("", ("shoulder", "elbow")), speed=0.5, timeout=0.3)
     assert follower.delta(jog, Q, 0.0) is None

@@ -159,6 +159,16 @@ def test_an_episode_that_ends_is_not_answered_and_the_next_one_goes_on(
     assert person.targets_reached == 1
 
 
+def test_a_status_that_lies_counts_as_one_target_at_most(
+    task: TaskDescription, chain: Chain, circle: Curve, arm: Any
+) -> None:
+    person = operator(task, chain, circle(1), 20)
+    tick = drive_to_second_phase(arm, person)
+    for count, reached in ((0, 0), (10**9, 1), (0, 1)):
+        person.answer(tick._replace(status=replace(tick.status, targets_reached=count)))
+        assert person.targets_reached == reached
+
+
 def drive_to_second_phase(arm: Any, person: ScriptedOperator) -> Tick:
     while True:
         tick = arm.tick()

@@ -5,7 +5,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rled_msgs_py.records import Actor, DeltaCommand, GateCode, GateDecision, JointSample, Level, PoseSample, TaskStatus
+from rled_msgs_py.records import (
+    Actor,
+    DeltaCommand,
+    GateCode,
+    GateDecision,
+    Health,
+    JointSample,
+    Level,
+    PoseSample,
+    TaskStatus,
+)
 from rled_msgs_py.tick import Tick
 from rled_sim.robots import ROBOTS
 from rled_sim.tasks import reach_task
@@ -14,7 +24,7 @@ from rled_teleop.web.episode_log import EpisodeLog
 from rled_teleop.web.limits import arc, edges
 from rled_teleop.web.robot import Link, load_robot, pose_of, product, quaternion
 from rled_teleop.web.trail import COLOURS, LONGEST, Trail
-from rled_teleop.web.watched import Watched
+from rled_teleop.web.watched import MOST_REPORTS, Watched
 
 PLANAR = ROBOTS["planar"]
 TASK = reach_task(PLANAR).description
@@ -160,8 +170,30 @@ def test_another_recorder_begins_the_list_anew() -> None:
     assert [each.number for each in log.entries()] == [0]
 
 
-@pytest.mark.parametrize("text", ["", "[]", "{}", '{"event": "start"}', '{"event": "start", "episode": "x"}'])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "[]",
+        "{}",
+        '{"event": "start"}',
+        '{"event": "start", "episode": "x"}',
+        '{"event": "start", "episode": 1e999}',
+        "[" * 100_000,
+    ],
+    ids=lambda text: text[:40],
+)
 def test_an_event_that_cannot_be_read_is_left_out(text: str) -> None:
     watched = Watched()
     watched.on_event(text)
     assert watched.log.entries() == []
+
+
+def test_reports_of_ever_more_nodes_are_not_all_kept() -> None:
+    watched = Watched()
+    for number in range(2 * MOST_REPORTS):
+        watched.on_health(Health(0, Level.OK, str(number), "", {}))
+        watched.on_health(Health(0, Level.OK, "again and again", "", {}))
+    assert watched.health("0") is None
+    assert watched.health(str(2 * MOST_REPORTS - 1)) is not None
+    assert watched.health("again and again") is not None

@@ -6,6 +6,7 @@ import os
 import time
 import traceback
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from threading import Event, Thread, get_native_id
 
@@ -72,7 +73,7 @@ class Page:
             for work in due:
                 if now >= due[work]:
                     due[work] = max(due[work] + periods[work], now)
-                    work()
+                    _try(work)
             stop.wait(max(0.0, min(due.values()) - time.monotonic()))
 
     def close(self) -> None:
@@ -100,8 +101,8 @@ class Page:
         if task is None or tick is None or not watched.description:
             return
         if self._drawn != (watched.description, task):
-            self._scene.draw(load_robot(watched.description), task, tick)
             self._drawn = (watched.description, task)
+            self._scene.draw(load_robot(watched.description), task, tick)
         if not self._visitors:
             return
         self._scene.move(tick)
@@ -124,12 +125,9 @@ class Page:
         self._each(Visitor.draw_curves)
 
     def _each(self, work: Callable[[Visitor], None]) -> None:
-        """Do something for each visitor; what goes wrong for one ends neither the page nor the robot's control."""
+        """Do something for each visitor, whatever goes wrong for another."""
         for visitor in list(self._visitors.values()):
-            try:
-                work(visitor)
-            except Exception:
-                traceback.print_exc()
+            _try(partial(work, visitor))
 
     def _listen_for_life(self, stop: Event) -> None:
         """Ask the driver's page for a sign of life; one that is hidden, frozen or cut off gives none."""
@@ -147,6 +145,14 @@ def _yield_to_control() -> None:
     """Let whoever makes and answers ticks go first on a busy machine: this thread yields, and those that it starts."""
     thread = get_native_id()
     os.setpriority(os.PRIO_PROCESS, thread, min(os.getpriority(os.PRIO_PROCESS, thread) + NICENESS, LOWEST))
+
+
+def _try(work: Callable[[], None]) -> None:
+    """Do something; what goes wrong is shown, and ends neither the page nor the robot's control."""
+    try:
+        work()
+    except Exception:
+        traceback.print_exc()
 
 
 def _is_alive(client: viser.ClientHandle) -> bool:

@@ -15,6 +15,8 @@ from rled_teleop.web.episode_log import EpisodeLog
 from rled_teleop.web.trail import Pieces, Trail
 
 Point = tuple[float, float, float]
+MOST_REPORTS = 50
+"""Nodes and parts whose newest report is kept."""
 
 
 @dataclass(frozen=True)
@@ -90,14 +92,17 @@ class Watched:
     def on_health(self, health: Health) -> None:
         """Take a node's report."""
         with self._lock:
+            self._health.pop(health.name, None)
             self._health[health.name] = health
+            if len(self._health) > MOST_REPORTS:
+                del self._health[next(iter(self._health))]
 
     def on_event(self, text: str) -> None:
         """Take an event of the recorder."""
         try:
             event = json.loads(text)
             self.log.add_event(str(event["event"]), int(event["episode"]), str(event.get("outcome", "")))
-        except (ValueError, KeyError, TypeError):
+        except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
             return
 
     def health(self, name: str) -> Health | None:
