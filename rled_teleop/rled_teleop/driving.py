@@ -91,6 +91,7 @@ class Driving:
             self._beside_agent = beside_agent
             self._output.withdraw()
             self._output = self._output_for(beside_agent)
+            self._is_answered = False  # in lockstep the simulation may wait for it
 
     def _output_for(self, beside_agent: bool) -> CommandOutput:
         """Made once and never destroyed: the events executor crashes when the event of a destroyed one is pending."""
