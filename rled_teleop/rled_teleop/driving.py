@@ -82,7 +82,8 @@ class Driving:
         self.delta: Vector | None = None
         self._is_answered, self._due, self._heard = True, -np.inf, -np.inf
         self._has_clock: bool | None = None
-        self._output = CommandOutput(node, HUMAN_JOINT_DELTA if beside_agent else JOINT_DELTA)
+        self._outputs: dict[bool, CommandOutput] = {}
+        self._output = self._output_for(beside_agent)
         subscribe(node, TASK_DESCRIPTION, self._on_task)
         subscribe(node, ROBOT_DESCRIPTION, self._on_robot)
         subscribe_ticks(node, self._on_tick)
@@ -93,11 +94,19 @@ class Driving:
         return self._beside_agent
 
     def stand(self, beside_agent: bool) -> None:
-        """Answer alone from now on, or stand beside an agent; the other topic is no longer published on."""
+        """Answer alone from now on, or stand beside an agent; the other topic's publisher stays, and is silent."""
         if beside_agent != self._beside_agent:
             self._beside_agent = beside_agent
-            self._node.destroy_publisher(self._output.publisher)
-            self._output = CommandOutput(self._node, HUMAN_JOINT_DELTA if beside_agent else JOINT_DELTA)
+            self._output.withdraw()
+            self._output = self._output_for(beside_agent)
+            self._is_answered = False  # in lockstep the simulation may wait for it
+
+    def _output_for(self, beside_agent: bool) -> CommandOutput:
+        """Made once and never destroyed: the events executor crashes when the event of a destroyed one is pending."""
+        if beside_agent not in self._outputs:
+            topic = HUMAN_JOINT_DELTA if beside_agent else JOINT_DELTA
+            self._outputs[beside_agent] = CommandOutput(self._node, topic)
+        return self._outputs[beside_agent]
 
     def look(self) -> None:
         """Answer the newest tick if it is time; call it every ``LOOK``."""
