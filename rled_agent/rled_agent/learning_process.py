@@ -2,7 +2,7 @@
 
 The control process writes rows of a replay buffer to this program's standard input, each with a 1 behind it where a
 person acted, and never waits: what does not fit into the pipe is dropped and counted. Actor weights come back through a
-``WeightSlot``. The process gets the time that control leaves: whatever wakes up beside it takes its core at once.
+``WeightSlot``. The process is a nice one: what controls the robot goes first where both want the same core.
 """
 
 import gc
@@ -31,6 +31,7 @@ from rled_agent.replay import Batch, Replay
 from rled_agent.run_directory import RunDirectory
 from rled_agent.weight_slot import WeightSlot
 
+NICENESS = 10
 PERSON_ROWS = "person.rows"
 
 
@@ -145,7 +146,7 @@ def learn(student: Student, slot: WeightSlot, stop: Event, save: Event) -> None:
 def main() -> None:
     """Run the process."""
     options = tyro.cli(Options, prog="learning_process")
-    os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+    os.nice(NICENESS)
     torch.set_num_threads(1)
     torch.set_flush_denormal(True)
     student = Student(options)

@@ -14,8 +14,8 @@ import pytest
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("rled_msgs_py", "rled_sim", "rled_teleop", "rled_agent")
 ROS = re.compile(r"rclpy|rosbag2_py|ament_index_python|.*_(msgs|interfaces|srvs)")
-ROSDEP_KEYS = {"evdev", "matplotlib", "numpy", "tqdm", "yaml"}
-OPTIONAL = {"evdev": "evdev-binary"}
+ROSDEP_KEYS = {"evdev", "matplotlib", "numpy", "scipy", "tqdm", "yaml"}
+OPTIONAL = {"evdev": "evdev-binary", "ray": "ray", "stable_baselines3": "stable-baselines3"}
 """Imported where it is used, with an error in one line when it is missing; an extra of its package names it."""
 
 

@@ -45,6 +45,7 @@ _records: Mapping[Topic, Record] = {
     topics.JOINT_STATES: _joints,
     topics.EE_POSE: _pose,
     topics.TARGET_POSE: _pose,
+    topics.TARGET_REQUEST: _pose,
     topics.TASK_STATUS: TaskStatus(STAMP, 3, 2, -0.1, 1, False, 0, False, False),
     topics.JOINT_DELTA: _delta,
     topics.HUMAN_JOINT_DELTA: _delta,

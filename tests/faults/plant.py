@@ -76,14 +76,14 @@ class Peer:
         return int(status.partition("VmRSS:")[2].split()[0]) / 1024.0
 
     def settle(self) -> None:
-        """Wait until its memory has been the same for a second: all is loaded."""
+        """Wait until its memory has been the same for two seconds: all is loaded."""
         seen = [(0.0, 0.0)]  # memory, and since when
 
         def settled() -> bool:
             now, memory = time.monotonic(), self.resident()
             if memory > seen[0][0] + 0.1:
                 seen[0] = memory, now
-            return now > seen[0][1] + 1.0
+            return now > seen[0][1] + 2.0
 
         self.plant.wait(settled, f"{self.name} to settle")
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 from hypothesis import strategies as st
-from rled_msgs_py.topics import JOINT_DELTA
+from rled_msgs_py.topics import JOINT_DELTA, TARGET_REQUEST
 from rled_sim.sim_params import SimParams
 from std_srvs.srv import SetBool, Trigger
 
@@ -13,11 +13,12 @@ from .hostile import DOUBLES, attacks
 from .hostile_requests import adjustable, requests_of
 from .lawful import LAWFUL
 from .plant import Plant
-from .siege import COUNT, Rogue, besiege, require_all
+from .siege import COUNT, Rogue, besiege, require_all, volleys
 
 LIMITS = ["--joint-margin", "0.1", "--velocity-share", "0.9", "--keep-out", "sphere 0 0 0.1 0.2"]
 MODES = {"lockstep": [], "limits": LIMITS, "real_time": ["--mode", "real_time", "--transition", "motors"]}
 NEAR = st.one_of(DOUBLES, st.floats(-0.11, 0.11))
+VOLLEYS = volleys([TARGET_REQUEST])
 REQUESTS = requests_of(SimParams, {"pause": SetBool, "estop": SetBool, "reset": Trigger})
 
 
@@ -58,7 +59,7 @@ def restore(plant: Plant) -> None:
 
 
 def test_nothing_is_left_out(plant: Plant) -> None:
-    require_all(plant.sim, [JOINT_DELTA], REQUESTS)
+    require_all(plant.sim, [JOINT_DELTA, TARGET_REQUEST], REQUESTS)
 
 
 def test_messages_on_joint_delta_do_no_harm(plant: Plant) -> None:
@@ -72,6 +73,12 @@ def test_messages_on_joint_delta_do_no_harm(plant: Plant) -> None:
         assert besiege(plant.sim, DELTAS, send) >= COUNT
     restore(plant)
     assert heard(plant) - before > 0.9 * readable[0]
+
+
+def test_messages_on_target_request_do_no_harm(plant: Plant) -> None:
+    with Rogue(plant.sim) as rogue:
+        assert besiege(plant.sim, VOLLEYS[TARGET_REQUEST.name], rogue.fire) >= COUNT
+    restore(plant)
 
 
 @pytest.mark.parametrize("name", REQUESTS)

@@ -13,6 +13,7 @@ from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterValue
 from rcl_interfaces.srv import SetParameters
 from rled_msgs_py.processes import Child, program
+from rled_msgs_py.topics import JOINT_DELTA
 from rled_sim.commands import Code
 from std_srvs.srv import SetBool, Trigger
 
@@ -265,6 +266,12 @@ def still(ticking: Plant) -> bool:
     return len({tick.joints.position.tobytes() for tick in ticking.ticks[-5:]}) == 1
 
 
+def readers(ticking: Plant) -> set[bytes]:
+    """Who listens to commands, or did before he was killed."""
+    found = ticking.node.get_subscriptions_info_by_topic(JOINT_DELTA.name)
+    return {bytes(each.endpoint_gid) for each in found}
+
+
 @pytest.fixture
 def driven(ticking: Plant) -> Child:
     """An operator of its own process who keeps the arm moving."""
@@ -312,13 +319,14 @@ def test_the_emergency_stop_ends_motion(ticking: Plant, driven: Child, row: Take
 
 def test_a_killed_simulation_begins_anew(ticking: Plant, row: Take) -> None:
     """Stands last: the simulation is another one then."""
+    gone = readers(ticking)
     os.kill(ticking.simulation.process.pid, signal.SIGKILL)
     ticking.simulation.process.wait()
     ticking.children.end(ticking.simulation)
     start = lambda: ticking.start("--robot", "planar")  # noqa: E731
     took = ticking.measure(start, lambda: ticking.tick.stamp == 0, "the first tick")
     begun = len(ticking.ticks) - 1
-    ticking.wait(lambda: bool(ticking.output.get_subscription_count()), "its reader")
+    ticking.wait(lambda: bool(readers(ticking) - gone), "its reader")
     ticking.step((0.01, 0.0))
     row(
         "the simulation killed and started again",
