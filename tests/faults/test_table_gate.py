@@ -105,7 +105,12 @@ def test_a_person_who_asks_for_the_impossible_does_not_take_over(gate: Gate, row
 def test_a_person_takes_over_and_lets_go(gate: Gate, row: Take) -> None:
     plant, since = gate.plant, len(gate.plant.ticks) - 1
     by_person = gate.decided(lambda each: each.code is GateCode.HUMAN)
-    took = plant.measure(lambda: gate.person.publish(gate.command()), by_person, "the person's turn")
+
+    def drive() -> bool:
+        gate.person.publish(gate.command())
+        return by_person()
+
+    took = plant.measure(drive, drive, "the person's turn")
     row("a person takes over", "the person acts, control passes over 5 steps", took, plant.unlawful(since))
     took = plant.measure(lambda: None, gate.decided(lambda each: each.actor is Actor.AGENT), "the agent's turn")
     row("a person's commands stop", "hold, then after human_timeout (300 ms) the agent", took, plant.unlawful(since))
