@@ -243,5 +243,5 @@ class Library:
 
 
 def _order(name: str) -> tuple[bool, list[int], str]:
-    numbers = [int(part) for part in name.split(".") if part.isdigit()]
+    numbers = [int(part) for part in re.findall(r"\d+", name)] if name[0].isdigit() else []
     return not numbers, numbers, name
