@@ -233,8 +233,10 @@ def test_two_robots_in_two_namespaces_do_not_hear_each_other(sides, planar_exper
         for seed, side in enumerate(sides):
             start("sim_node", side, *robot, "--seed", seed)
             start("agent_node", side, "--expert", planar_expert)
-        for observer in sides.values():
-            observer.wait_ticks(50)
+        sides["left"].wait_report("record_demos: bag", lambda health: health.message.startswith("recording"))
+        begun = len(sides["left"].ticks)
+        sides["left"].wait(lambda: len(sides["left"].ticks) > begun + 70, "ticks that are recorded")
+        sides["right"].wait_ticks(50)
         answer = sides["left"].call(SetBool, "agent_node/enable", data=False)
         assert answer.message == "silent: the robot holds"
         still = await_silence(sides["left"])
