@@ -5,12 +5,12 @@ from collections.abc import Mapping
 from struct import error, unpack_from
 from typing import Any, NamedTuple
 
+from rled_msgs_py.cdr import ENCAPSULATION
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.task import TaskDescription
 
 REACHED, EPISODE = b"targets_reached\0", b"episode\0"
 """Keys of a serialized ``task_status``."""
-ENCAPSULATION = 4
 
 
 class Refusal(RledError):

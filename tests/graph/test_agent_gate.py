@@ -1,6 +1,5 @@
 """The agent node with a learned actor behind the Monte-Carlo gate, learning beside control, watched over DDS."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -8,11 +7,12 @@ import torch
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from rled_agent.checkpoint import read_checkpoint
-from rled_agent.networks import Network
-from rled_agent.policy import Policy, load_policy
+from rled_agent.policy import load_policy
 from rled_msgs_py.processes import program
 from rled_msgs_py.records import Actor, Level
 from std_srvs.srv import SetBool, Trigger
+
+from .team import actor_like
 
 NAME = "agent_node: policy"
 
@@ -24,13 +24,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def agent(planar_expert: Path, folder: Path) -> Path:
-    """The expert's weights in an actor with dropout."""
-    expert = load_policy(planar_expert)
-    settings = replace(expert.network.architecture, dropout=0.1)
-    network = Network(expert.network.sizes[0], expert.network.sizes[-1], settings, torch.Generator(), squash=True)
-    network.parameters.copy_(expert.network.parameters)
-    Policy(network, expert.scaling, expert.task).save(folder / "actor.safetensors")
-    return folder / "actor.safetensors"
+    return actor_like(planar_expert, folder / "actor.safetensors")
 
 
 @pytest.fixture(scope="module")

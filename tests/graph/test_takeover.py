@@ -1,24 +1,23 @@
 """A person beside the agent: takes over, lets go, is asked, is learned from; and the gate's emergency stop."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from rled_agent.checkpoint import read_checkpoint
 from rled_agent.learning_process import PERSON_ROWS
-from rled_agent.networks import Network
-from rled_agent.policy import Policy, load_policy
+from rled_agent.policy import load_policy
 from rled_msgs_py.convert import to_msg
 from rled_msgs_py.node import advertise
 from rled_msgs_py.processes import program
 from rled_msgs_py.records import Actor, DeltaCommand, GateCode, GateDecision, Level, Text
 from rled_msgs_py.topics import HUMAN_JOINT_DELTA, TASK_DESCRIPTION
 from std_srvs.srv import SetBool
+
+from .team import actor_like
 
 NAME = "agent_node: policy"
 JOINTS = ("shoulder", "elbow")
@@ -33,12 +32,7 @@ def state(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def graph(observer, children, planar_expert: Path, state: Path):
     """The observer of a graph that an actor with dropout drives, always sure of itself."""
-    expert = load_policy(planar_expert)
-    settings = replace(expert.network.architecture, dropout=0.1)
-    network = Network(expert.network.sizes[0], expert.network.sizes[-1], settings, torch.Generator(), squash=True)
-    network.parameters.copy_(expert.network.parameters)
-    agent = state.with_name("actor.safetensors")
-    Policy(network, expert.scaling, expert.task).save(agent)
+    agent = actor_like(planar_expert, state.with_name("actor.safetensors"))
     options = ["--expert", planar_expert, "--agent", agent, "--threshold", 1e6, "--measure", "iqr"]
     options += ["--learning-state", state, "--human-timeout", 3.0]  # a busy machine holds the person up
     children.start([*program("rled_agent", "agent_node"), *map(str, options)])

@@ -2,17 +2,15 @@
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
-import torch
-from rled_agent.networks import Network
-from rled_agent.policy import Policy, load_policy
+from rled_agent.policy import load_policy
 from rled_msgs_py.processes import Children, program
 from rled_msgs_py.records import Actor
 
+from ..graph.team import actor_like
 from .socket_visitor import SocketVisitor
 
 
@@ -23,13 +21,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def agent(planar_expert: Path, folder: Path) -> Path:
-    """The expert's weights in an actor with dropout."""
-    expert = load_policy(planar_expert)
-    settings = replace(expert.network.architecture, dropout=0.1)
-    network = Network(expert.network.sizes[0], expert.network.sizes[-1], settings, torch.Generator(), squash=True)
-    network.parameters.copy_(expert.network.parameters)
-    Policy(network, expert.scaling, expert.task).save(folder / "actor.safetensors")
-    return folder / "actor.safetensors"
+    return actor_like(planar_expert, folder / "actor.safetensors")
 
 
 @pytest.fixture(scope="module")
