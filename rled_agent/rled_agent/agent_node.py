@@ -3,8 +3,7 @@
 import math
 import time
 from functools import partial
-from pathlib import Path
-from threading import Event, Thread
+from threading import Event
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,7 +17,7 @@ from rled_msgs_py.errors import ContractError, RledError
 from rled_msgs_py.life import watch_life
 from rled_msgs_py.messages import encode
 from rled_msgs_py.node import advertise, declare, run_node, spin, subscribe, subscribe_ticks
-from rled_msgs_py.records import Actor, DeltaCommand, GateCode, GateDecision, TaskStatus, Text
+from rled_msgs_py.records import Actor, DeltaCommand, GateCode, GateDecision, Text
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import Tick
 from rled_msgs_py.topics import (
@@ -37,16 +36,14 @@ from std_srvs.srv import SetBool, Trigger
 
 from rled_agent.agent_params import AgentParams
 from rled_agent.agent_report import AgentReport
-from rled_agent.apprentice import Apprentice
 from rled_agent.arbiter import Arbiter, Outcome, Situation
-from rled_agent.controller import GatedController, Proposals, load_controller, observe
+from rled_agent.controller import Proposals, load_controller, observe
+from rled_agent.online_learning import Answered, OnlineLearning
 
 LOOK = 0.02
 """Seconds between two looks at a state that waits for a person."""
 SOON = 0.1
 """Seconds between two reports, when there is something to tell."""
-SAVING = 10.0
-"""Seconds that the learning process is given to write its state when the node ends."""
 
 
 class Waiting(NamedTuple):
@@ -76,10 +73,10 @@ class AgentNode(Node):
         self._urdf = ""
         self._arbiter: Arbiter | None = None
         self._enabled = self._params.enabled
-        self._apprentice: Apprentice | None = None
-        self._closing: Thread | None = None
+        self._learning = OnlineLearning(self._controller.policy, self._params.agent, self._params.learning_state)
+        self._episode = -1
         self._waiting: Waiting | None = None
-        self._before: tuple[Waiting, Outcome] | None = None
+        self._answered: Answered | None = None
         self._told: tuple[int, GateCode] | None = None
         self._newest = -1
         self._reported = -math.inf
@@ -96,7 +93,7 @@ class AgentNode(Node):
         self._life = watch_life(self, TASK_DESCRIPTION, self._on_life)
         self._serve()
         if self._params.learn:
-            self._begin_learning()
+            self._learning.start()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1.0, self._say_health, clock=steady)
         self.create_timer(LOOK, self._decide, clock=steady)
@@ -110,8 +107,7 @@ class AgentNode(Node):
     def _on_change(self, params: AgentParams) -> None:
         if self._arbiter is not None:
             self._arbiter.settings = params.gate()
-        if isinstance(self._controller, GatedController):
-            self._controller.measure = params.measure  # type: ignore[assignment]
+        self._controller.adjust(params.actor())
         self._params = params
 
     def _on_task(self, text: Text) -> None:
@@ -162,12 +158,14 @@ class AgentNode(Node):
             return
         self._newest = tick.stamp
         self._delta.withdraw()
-        before, self._before, self._waiting = self._before, None, None
+        before, self._answered, self._waiting = self._answered, None, None
+        if tick.status.episode != self._episode:
+            self._episode = tick.status.episode
+            self._controller.begin()
         if not (tick.status.terminated or tick.status.truncated):
             self._waiting = Waiting(tick, observation, self._controller.propose(observation), received)
             self._decide()
-        if self._apprentice is not None:  # after the answer: to wake another process takes time
-            self._learn_from(before, tick, observation, self._apprentice)
+        self._learning.go_on(before, tick.status, observation)  # after the answer: to wake another process takes time
 
     def _on_person(self, command: DeltaCommand) -> None:
         if self._arbiter is None or self._task is None:
@@ -200,7 +198,8 @@ class AgentNode(Node):
             return
         if outcome.delta is not None:
             self._delta.publish(DeltaCommand(waiting.tick.stamp, names, outcome.delta))
-            self._waiting, self._before = None, (waiting, outcome)
+            self._answered = Answered(waiting.tick.status, waiting.observation, outcome.delta, outcome.actor)
+            self._waiting = None
             if outcome.actor is not Actor.HUMAN:
                 self._report.answered(time.monotonic() - waiting.received)
         self._tell(waiting, outcome, arbiter)
@@ -219,24 +218,6 @@ class AgentNode(Node):
         )  # fmt: skip
         self._gate.publish(encode(SAFETY_GATE, decision))
 
-    def _learn_from(
-        self,
-        before: tuple[Waiting, Outcome] | None,
-        tick: Tick,
-        observation: NDArray[np.float64],
-        apprentice: Apprentice,
-    ) -> None:
-        """Offer the transition that this tick ends, and take newer weights."""
-        if before is not None and _follows(tick.status, before[0].tick.status):
-            waiting, outcome = before
-            assert outcome.delta is not None
-            scaling = self._controller.policy.scaling
-            happened = np.array([tick.status.reward, tick.status.terminated], dtype=np.float32)
-            state, following = map(scaling.normalize_observation, (waiting.observation, observation))
-            row = np.concatenate([state, scaling.normalize_action(outcome.delta), happened, following])
-            apprentice.offer(row, outcome.actor is Actor.HUMAN)
-        apprentice.renew()
-
     def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._enabled = request.data
         self._decide()  # in lockstep the simulation still waits for this answer
@@ -250,59 +231,29 @@ class AgentNode(Node):
         return _say(response, True, "stopped until released" if request.data else "released")
 
     def _on_learn(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        before = self._apprentice
-        if before is not None and not (request.data and before.running):
-            self._closing = Thread(target=before.close)
-            self._closing.start()  # it saves its state first, and control does not wait
-            if not before.running:
-                self._closing.join()
-            self._apprentice = None
-        if request.data and self._apprentice is None:
-            try:
-                self._begin_learning()
-            except RledError as error:
-                return _say(response, False, str(error))
+        try:
+            self._learning.switch(request.data)
+        except RledError as error:
+            return _say(response, False, str(error))
         return _say(response, True, "learning" if request.data else "not learning")
 
-    def _begin_learning(self) -> None:
-        """Start the learning process, which goes on from its saved state.
-
-        Raises:
-            RledError: there is nothing that could learn, or the process before has not saved its state yet.
-        """
-        if self._closing is not None and self._closing.is_alive():
-            raise RledError("the learning process is saving its state", remedy="call again in some seconds")
-        if not self._params.agent:
-            raise RledError("the expert does not learn", remedy="start with --agent POLICY")
-        state = Path(self._params.learning_state)
-        self._apprentice = Apprentice(self._controller.policy.network, Path(self._params.agent), state)
-
     def _on_save(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        path = Path(self._params.learning_state)
-        if self._apprentice is not None:
-            self._apprentice.save()
         try:
-            self._controller.policy.save(path.with_name("policy.safetensors"))
+            folder = self._learning.save()
         except (OSError, RledError) as error:
             return _say(response, False, str(error))
-        return _say(response, True, f"saved into {path.parent}")
+        return _say(response, True, f"saved into {folder}")
 
     def _say_health(self) -> None:
         self._reported = time.monotonic()
         now = self.get_clock().now().nanoseconds
-        health = self._report.health(now, self._enabled, self._arbiter, self._apprentice)
+        health = self._report.health(now, self._enabled, self._arbiter, self._learning.apprentice)
         self._diagnostics.publish(encode(DIAGNOSTICS, health))
 
     def destroy_node(self) -> None:
         """End the learning process, which saves its state, with the node."""
-        apprentice: Apprentice | None = getattr(self, "_apprentice", None)
-        if apprentice is not None:
-            apprentice.close(SAVING if apprentice.started else 0.0)
+        self._learning.close()
         super().destroy_node()
-
-
-def _follows(after: TaskStatus, before: TaskStatus) -> bool:
-    return after.episode == before.episode and after.step == before.step + 1
 
 
 def _say(response: Any, success: bool, message: str) -> Any:

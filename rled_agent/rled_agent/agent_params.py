@@ -10,7 +10,7 @@ from rled_agent.controller import ActorSettings
 
 @dataclass(frozen=True)
 class AgentParams:
-    """Parameters of the agent node; those of the gate may be set while it runs."""
+    """Parameters of the agent node; those of the gate and Φ may be set while it runs."""
 
     expert: str = param("out/expert/expert.safetensors", "weights that train_expert wrote", read_only=True)
     agent: str = param("", "policy that train_agent wrote; empty: the expert drives alone", read_only=True)
@@ -18,6 +18,7 @@ class AgentParams:
     measure: str = param("qcd", "uncertainty that is compared with the threshold", choices=("qcd", "iqr"))
     hysteresis: float = param(0.0, "the agent acts again below ξ (1 - hysteresis); 0: the thesis", low=0.0, high=1.0)
     dwell: int = param(0, "steps that the expert acts for at least; 0: the thesis", low=0, high=100_000)
+    phi: float = param(0.0, "Φ, probability that the expert drives an episode", low=0.0, high=1.0)
     blend: int = param(5, "steps over which control passes between a person and the policy", low=0, high=1000)
     human_timeout: float = param(0.3, "a person lets go when no command came for so long (s)", low=0.01, high=10.0)
     state_timeout: float = param(
@@ -30,14 +31,14 @@ class AgentParams:
     passes: int = param(30, "N, stochastic passes of the actor", low=2, high=10_000, read_only=True)
     noise: float = param(0.0, "deviation of exploration noise, in halves of the action range", low=0.0, high=10.0,
                          read_only=True)  # fmt: skip
-    seed: int = param(0, "seed of dropped units and noise", low=0, high=2**31 - 1, read_only=True)
+    seed: int = param(0, "seed of dropped units, noise and episodes", low=0, high=2**31 - 1, read_only=True)
     learning_state: str = param("out/agent_node/learning.safetensors", "where ~/learn keeps its state", read_only=True)
     learn: bool = param(False, "learn from the start; ~/learn switches it", read_only=True)
     enabled: bool = param(True, "answer states; ~/enable switches it", read_only=True)
 
     def actor(self) -> ActorSettings:
         """What a learned actor needs of them."""
-        return ActorSettings(self.measure, self.passes, self.noise, self.seed)  # type: ignore[arg-type]
+        return ActorSettings(self.measure, self.passes, self.noise, self.phi, self.seed)  # type: ignore[arg-type]
 
     def gate(self) -> ArbiterSettings:
         """What the arbiter needs of them."""

@@ -55,10 +55,9 @@ class Apprentice:
         if not np.isfinite(row).all():
             self.dropped += 1
             return
+        marked = np.append(row, np.float32(by_person)).tobytes()
         try:
-            os.write(
-                self._pipe, np.append(row, np.float32(by_person)).tobytes()
-            )  # whole or not at all: shorter than PIPE_BUF
+            os.write(self._pipe, marked)  # whole or not at all: shorter than PIPE_BUF
         except (BlockingIOError, BrokenPipeError):
             self.dropped += 1
 

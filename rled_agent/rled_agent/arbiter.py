@@ -45,12 +45,14 @@ class Proposal(NamedTuple):
         delta: Δq (rad), shape (n,).
         uncertainty: u_t, NaN where the policy has none.
         measure: name of u_t, ``none`` where nothing is compared with ξ.
+        drawn: whether the expert was drawn to drive the whole episode (Eq. 4.11).
     """
 
     actor: Actor
     delta: Vector
     uncertainty: float = math.nan
     measure: str = "none"
+    drawn: bool = False
 
 
 class Situation(NamedTuple):
@@ -139,7 +141,7 @@ class Arbiter:
         if refused is not None:
             return self._stand_in(situation, GateCode.LIMIT, str(refused))
         if situation.proposal.measure == "none":
-            return self._act(situation, situation.proposal.actor, situation.proposal.delta, GateCode.UNGATED)
+            return self._follow(situation)
         unsure, reason = self._compare(situation.proposal)
         if not unsure:
             self._asked_since = -math.inf
@@ -148,6 +150,12 @@ class Arbiter:
             left = self._asked_since + self.settings.query_timeout - situation.now
             return self._leave(f"{reason}; a person is asked, for {left:.1f} s more", GateCode.ASKING)
         return self._stand_in(situation, GateCode.UNSURE, reason)
+
+    def _follow(self, situation: Situation) -> Outcome:
+        actor, drawn = situation.proposal.actor, situation.proposal.drawn
+        code = GateCode.DRAWN if drawn else GateCode.UNGATED
+        reason = f"the {actor.value} {'was drawn for this episode' if drawn else 'is the policy'}"
+        return self._act(situation, actor, situation.proposal.delta, code, reason)
 
     def _compare(self, proposal: Proposal) -> tuple[bool, str]:
         """Eq. 4.40, with hysteresis and dwell; a NaN is unsure."""
@@ -173,14 +181,14 @@ class Arbiter:
             return self._hold(code, reason)
         return self._act(situation, Actor.EXPERT, situation.expert(), code, reason)
 
-    def _act(self, situation: Situation, actor: Actor, delta: Vector, code: GateCode, reason: str = "") -> Outcome:
+    def _act(self, situation: Situation, actor: Actor, delta: Vector, code: GateCode, reason: str) -> Outcome:
         before, is_judged = self._before, actor is situation.proposal.actor and not self._blending
         delta = self._blended(delta)
         refused = None if is_judged else self._guard.judge(situation.q, before, delta)
         if refused is not None:
             return self._hold(GateCode.LIMIT, f"{actor.value}: {refused}")
-        level = Level.OK if code in (GateCode.SURE, GateCode.UNGATED) else Level.WARN
-        return Outcome(delta, actor, level, code, reason or f"the {actor.value} is the policy")
+        level = Level.OK if code in (GateCode.SURE, GateCode.UNGATED, GateCode.DRAWN) else Level.WARN
+        return Outcome(delta, actor, level, code, reason)
 
     def _hold(self, code: GateCode, reason: str) -> Outcome:
         """Answer with no displacement: in lockstep, no answer would be waited for for ever."""

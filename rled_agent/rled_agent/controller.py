@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from rled_msgs_py.errors import RledError
 from rled_msgs_py.records import Actor
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import Tick
@@ -26,12 +27,14 @@ class ActorSettings:
         measure: which u_t it is compared by.
         passes: N.
         noise: δ, exploration noise in halves of the action range.
-        seed: of dropped units and noise.
+        phi: Φ, the probability that the expert drives an episode.
+        seed: of dropped units, noise and episodes.
     """
 
     measure: Measure
     passes: int
     noise: float
+    phi: float
     seed: int
 
 
@@ -53,6 +56,12 @@ class ExpertController:
     def __init__(self, expert: Policy) -> None:
         self.policy = expert
 
+    def begin(self) -> None:
+        """Nothing lasts an episode here."""
+
+    def adjust(self, settings: ActorSettings) -> None:
+        """The expert has no settings."""
+
     def propose(self, observation: Vector) -> Proposals:
         """For an observation, shape (o,)."""
         return Proposals(Proposal(Actor.EXPERT, _lawful(self.policy, self.policy.act(observation))), None)
@@ -61,14 +70,21 @@ class ExpertController:
 class ActorController:
     """A learned actor without dropout: nothing tells when it is unsure, so it always acts."""
 
-    def __init__(self, agent: Policy) -> None:
+    def __init__(self, agent: Policy, settings: ActorSettings) -> None:
         self.policy = agent
         self._act = actor_source(agent.network)
+        self._noise = Noise(settings.noise, np.random.default_rng(settings.seed))
+
+    def begin(self) -> None:
+        """Nothing lasts an episode here."""
+
+    def adjust(self, settings: ActorSettings) -> None:
+        """Nothing of the actor changes while it runs."""
 
     def propose(self, observation: Vector) -> Proposals:
         """For an observation, shape (o,)."""
         scaling = self.policy.scaling
-        action = self._act(scaling.normalize_observation(observation))
+        action = self._noise.added_to(self._act(scaling.normalize_observation(observation)))
         return Proposals(Proposal(Actor.AGENT, _lawful(self.policy, scaling.denormalize_action(action))), None)
 
 
@@ -76,37 +92,74 @@ class GatedController:
     """The Monte-Carlo mean of the actor with its uncertainty (Eq. 4.38, 4.39), and the expert beside it."""
 
     def __init__(self, agent: Policy, expert: Policy, settings: ActorSettings) -> None:
-        self.policy, self._expert, self.measure = agent, expert, settings.measure
+        self.policy, self._expert, self._measure = agent, expert, settings.measure
         generator = np.random.default_rng(settings.seed)
         self._monte_carlo = MonteCarlo(agent.network, settings.passes, generator)
         self._noise = Noise(settings.noise, generator)
+
+    def begin(self) -> None:
+        """Nothing lasts an episode here."""
+
+    def adjust(self, settings: ActorSettings) -> None:
+        """Compare by another measure from now on."""
+        self._measure = settings.measure
 
     def propose(self, observation: Vector) -> Proposals:
         """For an observation, shape (o,)."""
         scaling = self.policy.scaling
         mean, uncertainty = self._monte_carlo(scaling.normalize_observation(observation))
         delta = _lawful(self.policy, scaling.denormalize_action(self._noise.added_to(mean)))
-        proposal = Proposal(Actor.AGENT, delta, uncertainty[self.measure], self.measure)
+        proposal = Proposal(Actor.AGENT, delta, uncertainty[self._measure], self._measure)
         return Proposals(proposal, lambda: _lawful(self._expert, self._expert.act(observation)))
 
 
-Controller = ExpertController | ActorController | GatedController
+class BiasedController:
+    """Biased exploration: one draw an episode says whether the expert drives all of it (Eq. 4.11, 4.12)."""
+
+    def __init__(self, learned: ActorController | GatedController, expert: Policy, settings: ActorSettings) -> None:
+        self.policy = learned.policy
+        self._learned, self._expert, self._phi = learned, ExpertController(expert), settings.phi
+        self._generator = np.random.default_rng([settings.seed, 1])
+        self._expert_episode = False
+
+    def begin(self) -> None:
+        """Draw ξ for the episode that begins."""
+        self._expert_episode = bool(self._generator.random() < self._phi)
+
+    def adjust(self, settings: ActorSettings) -> None:
+        """Draw with another Φ from the next episode on."""
+        self._phi = settings.phi
+        self._learned.adjust(settings)
+
+    def propose(self, observation: Vector) -> Proposals:
+        """For an observation, shape (o,)."""
+        if not self._expert_episode:
+            return self._learned.propose(observation)
+        by_expert = self._expert.propose(observation)
+        return by_expert._replace(policy=by_expert.policy._replace(drawn=True))
+
+
+Controller = ExpertController | ActorController | BiasedController
 
 
 def load_controller(expert: str, agent: str, settings: ActorSettings) -> Controller:
     """The controller of the weights given: the expert alone, or an agent, gated if its actor has dropout.
 
     Raises:
-        RledError: weights that can't be used, or not of one robot.
+        RledError: weights that can't be used, or not of one robot; Φ without an expert.
     """
     cloned = load_policy(Path(expert)) if expert else None
     if not agent and cloned is not None:
         return ExpertController(cloned)
     learned = load_policy(Path(agent))
-    if not learned.network.architecture.dropout or cloned is None:
-        return ActorController(learned)
+    if cloned is None:
+        if settings.phi:
+            raise RledError(f"phi is {settings.phi:g} without an expert", "0", "name one: --expert WEIGHTS")
+        return ActorController(learned, settings)
     learned.task.require_same_robot(cloned.task, "the expert")
-    return GatedController(learned, cloned, settings)
+    if learned.network.architecture.dropout:
+        return BiasedController(GatedController(learned, cloned, settings), cloned, settings)
+    return BiasedController(ActorController(learned, settings), cloned, settings)
 
 
 def observe(task: TaskDescription, tick: Tick) -> Vector:

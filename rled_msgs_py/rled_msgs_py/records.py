@@ -173,6 +173,8 @@ class GateCode(IntEnum):
     """The state is too old to act on."""
     STOPPED = 7
     """The emergency stop is on."""
+    DRAWN = 8
+    """The expert was drawn to drive this episode (biased exploration)."""
 
 
 @dataclass(frozen=True)

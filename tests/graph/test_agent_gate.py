@@ -9,7 +9,7 @@ from rclpy.parameter import Parameter
 from rled_agent.checkpoint import read_checkpoint
 from rled_agent.policy import load_policy
 from rled_msgs_py.processes import program
-from rled_msgs_py.records import Actor, Level
+from rled_msgs_py.records import Actor, GateCode, Level
 from std_srvs.srv import SetBool, Trigger
 
 from .team import actor_like
@@ -37,12 +37,15 @@ def gated(observer, children, planar_expert: Path, agent: Path, folder: Path):
     return observer
 
 
-def decide_by(observer, threshold: float, measure: str) -> list:
-    """Set both; returns 200 decisions made with them."""
-    wanted = [Parameter("threshold", value=threshold), Parameter("measure", value=measure)]
-    messages = [each.to_parameter_msg() for each in wanted]
+def set_parameters(observer, **wanted) -> None:
+    messages = [Parameter(name, value=value).to_parameter_msg() for name, value in wanted.items()]
     answer = observer.call(SetParameters, "agent_node/set_parameters", parameters=messages)
     assert all(result.successful for result in answer.results)
+
+
+def decide_by(observer, threshold: float, measure: str) -> list:
+    """Set both; returns 200 decisions made with them."""
+    set_parameters(observer, threshold=threshold, measure=measure)
     begun = len(observer.decisions)
 
     def decided() -> list:
@@ -66,6 +69,23 @@ def test_parameters_of_a_running_node_move_the_gate(gated) -> None:
         assert decision.level is (Level.WARN if decision.actor is Actor.EXPERT else Level.OK)
     assert {decision.actor for decision in decisions} == {Actor.AGENT, Actor.EXPERT}
     assert {each.actor for each in decide_by(gated, 1e6, "iqr")} == {Actor.AGENT}
+
+
+def test_with_phi_the_expert_drives_whole_episodes(gated) -> None:
+    set_parameters(gated, threshold=1e6, measure="iqr", phi=0.5)
+    begun = gated.decisions[-1].episode + 1
+    try:
+        gated.wait(lambda: gated.decisions[-1].episode >= begun + 16, "sixteen episodes")
+    finally:
+        set_parameters(gated, phi=0.0)
+    drivers = [
+        {(each.actor, each.code) for each in gated.decisions if each.episode == episode}
+        for episode in range(begun, begun + 16)
+    ]
+    drawn, own = {(Actor.EXPERT, GateCode.DRAWN)}, {(Actor.AGENT, GateCode.SURE)}
+    assert all(each in (drawn, own) for each in drivers)
+    assert drawn in drivers
+    assert own in drivers
 
 
 def test_a_threshold_out_of_range_is_refused(gated) -> None:

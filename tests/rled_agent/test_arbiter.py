@@ -55,6 +55,13 @@ def test_a_policy_without_uncertainty_always_acts():
     assert outcome[1:] == (Actor.EXPERT, Level.OK, GateCode.UNGATED, "the expert is the policy")
 
 
+def test_an_expert_drawn_for_the_episode_acts_and_says_so():
+    drawn = Situation(0.0, 0.0, np.zeros(2), Proposal(Actor.EXPERT, EXPERT, drawn=True), None)
+    outcome = arbiter().decide(drawn)
+    assert outcome.delta.tolist() == EXPERT.tolist()
+    assert outcome[1:] == (Actor.EXPERT, Level.OK, GateCode.DRAWN, "the expert was drawn for this episode")
+
+
 def test_hysteresis_asks_for_more_certainty_before_the_agent_returns():
     one = arbiter(replace(AT_ONCE, hysteresis=0.5))
     actors = [one.decide(situation(u=u)).actor.value for u in (0.4, 0.5, 0.4, 0.25, 0.24, 0.4)]

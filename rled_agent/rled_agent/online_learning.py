@@ -1,0 +1,108 @@
+"""Learning beside control: switched on and off, fed with what was answered, saved."""
+
+from pathlib import Path
+from threading import Thread
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from rled_msgs_py.errors import RledError
+from rled_msgs_py.records import Actor, TaskStatus
+
+from rled_agent.apprentice import Apprentice
+from rled_agent.policy import Policy
+
+Vector = NDArray[np.float64]
+SAVING = 10.0
+"""Seconds that the learning process is given to write its state when the node ends."""
+
+
+class Answered(NamedTuple):
+    """A state and its answer.
+
+    Attributes:
+        status: of the task in that state.
+        observation: the state vector, shape (o,).
+        delta: Δq (rad), shape (n,).
+        actor: who answered.
+    """
+
+    status: TaskStatus
+    observation: Vector
+    delta: Vector
+    actor: Actor
+
+
+class OnlineLearning:
+    """The learning process of a policy, if there is one just now.
+
+    Args:
+        policy: its network takes the learned weights.
+        agent: file of the policy; empty when it is an expert, which does not learn.
+        state: where the process keeps its state.
+    """
+
+    def __init__(self, policy: Policy, agent: str, state: str) -> None:
+        self._policy, self._agent, self._state = policy, agent, Path(state)
+        self._closing: Thread | None = None
+        self.apprentice: Apprentice | None = None
+
+    def start(self) -> None:
+        """Start the learning process, which goes on from its saved state.
+
+        Raises:
+            RledError: there is nothing that could learn, or the process before has not saved its state yet.
+        """
+        if self._closing is not None and self._closing.is_alive():
+            raise RledError("the learning process is saving its state", remedy="call again in some seconds")
+        if not self._agent:
+            raise RledError("the expert does not learn", remedy="start with --agent POLICY")
+        self.apprentice = Apprentice(self._policy.network, Path(self._agent), self._state)
+
+    def switch(self, on: bool) -> None:
+        """Learn or not; a process that has died is replaced.
+
+        Raises:
+            RledError: as ``start``.
+        """
+        before = self.apprentice
+        if before is not None and not (on and before.running):
+            self._closing = Thread(target=before.close)
+            self._closing.start()  # it saves its state first, and control does not wait
+            if not before.running:
+                self._closing.join()
+            self.apprentice = None
+        if on and self.apprentice is None:
+            self.start()
+
+    def go_on(self, before: Answered | None, status: TaskStatus, observation: Vector) -> None:
+        """Offer the transition that this state ends, and take newer weights."""
+        if self.apprentice is None:
+            return
+        if before is not None and _follows(status, before.status):
+            scaling = self._policy.scaling
+            happened = np.array([status.reward, status.terminated], dtype=np.float32)
+            state, following = map(scaling.normalize_observation, (before.observation, observation))
+            row = np.concatenate([state, scaling.normalize_action(before.delta), happened, following])
+            self.apprentice.offer(row, before.actor is Actor.HUMAN)
+        self.apprentice.renew()
+
+    def save(self) -> Path:
+        """Save the policy as it is now, and ask the process to save its state; the folder of both.
+
+        Raises:
+            OSError, RledError: the policy could not be written.
+        """
+        if self.apprentice is not None:
+            self.apprentice.save()
+        self._policy.save(self._state.with_name("policy.safetensors"))
+        return self._state.parent
+
+    def close(self) -> None:
+        """End the process, which saves its state."""
+        if self.apprentice is not None:
+            self.apprentice.close(SAVING if self.apprentice.started else 0.0)
+
+
+def _follows(after: TaskStatus, before: TaskStatus) -> bool:
+    return after.episode == before.episode and after.step == before.step + 1
