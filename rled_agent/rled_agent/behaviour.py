@@ -90,7 +90,9 @@ class Noise:
     generator: np.random.Generator
 
     def added_to(self, action: Action) -> Action:
-        """A noisy copy of the action."""
+        """The action with noise."""
+        if not self.deviation:
+            return action
         noise = self.generator.normal(0.0, self.deviation, action.shape)
         return np.clip(action + noise, -1.0, 1.0).astype(np.float32)
 

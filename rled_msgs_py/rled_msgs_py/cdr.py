@@ -13,6 +13,10 @@ FORMATS = {order: (struct.Struct(f"{order}I"), struct.Struct(f"{order}iI")) for 
 """Count and time, by byte order."""
 
 
+_known: tuple[int, bytes, tuple[str, ...]] = -1, b"", ()
+"""Place, bytes and members of the sequence of strings read last."""
+
+
 class CdrReader:
     """Takes fields off a serialized message, one after the other.
 
@@ -60,9 +64,16 @@ class CdrReader:
         except UnicodeDecodeError as error:
             raise ContractError(f"a text that is not UTF-8 ({error.reason})") from None
 
-    def texts(self) -> list[str]:
-        """A sequence of strings."""
-        return [self.text() for _ in range(self.members())]
+    def texts(self) -> tuple[str, ...]:
+        """A sequence of strings; the same one again, as joint names are, is known by its bytes."""
+        global _known
+        begun, (place, block, texts) = self._at, _known
+        if begun == place and self._data.startswith(block, begun):
+            self._at += len(block)
+            return texts
+        texts = tuple(self.text() for _ in range(self.members()))
+        _known = begun, self._data[begun : self._at], texts
+        return texts
 
     def members(self) -> int:
         """Length of a sequence whose members take a byte at least."""

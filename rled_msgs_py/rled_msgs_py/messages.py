@@ -108,7 +108,7 @@ def _write_joints(to: CdrWriter, stamp: int, names: tuple[str, ...], position: V
 
 def _read_joints(source: CdrReader) -> tuple[int, tuple[str, ...], Vector, Vector]:
     stamp, _ = _read_header(source)
-    names = tuple(source.texts())
+    names = source.texts()
     position, velocity, _ = (source.doubles(source.count()) for _ in range(3))
     return stamp, names, position, velocity
 

@@ -8,6 +8,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum, IntEnum
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,6 +36,7 @@ def finite_vector(values: ArrayLike, size: int, what: str) -> Vector:
     return vector
 
 
+@lru_cache
 def check_names(names: tuple[str, ...], what: str) -> None:
     """Refuse joint names that do not tell joints apart.
 

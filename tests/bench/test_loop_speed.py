@@ -1,5 +1,6 @@
 """From a state to its answer, between two processes: the agent node against a bare rclpy echo in the same run."""
 
+import math
 import statistics
 import sys
 import time
@@ -16,7 +17,7 @@ from rled_msgs_py.messages import encode
 from rled_msgs_py.node import advertise, fresh_context, spin_until
 from rled_msgs_py.processes import Children, program
 from rled_msgs_py.records import Text
-from rled_msgs_py.tick import STATE_TOPICS
+from rled_msgs_py.tick import STATE_TOPICS, Tick
 from rled_msgs_py.topics import JOINT_DELTA, ROBOT_DESCRIPTION, TASK_DESCRIPTION
 from rled_sim.robots import ROBOTS
 from rled_sim.sim_params import SimParams, simulation_of
@@ -66,18 +67,22 @@ class Prober:
 
     def ask_echo(self) -> None:
         """Publish one message that is sent back."""
-        self._stamp += 1
-        self._question.header.stamp.sec = self._stamp
         self._echo.publish(self._question)
 
     def ask_agent(self) -> None:
         """Publish a state on the four topics of the contract, as sim_node does."""
-        self._stamp += 1
         for topic, output, record in zip(STATE_TOPICS, self._states, self._tick, strict=True):
-            output.publish(encode(topic, replace(record, stamp=self._stamp * 10**9)))
+            output.publish(encode(topic, record))
+
+    def _go_on(self) -> None:
+        """The next state, and the next message for the echo."""
+        self._stamp += 1
+        self._question.header.stamp.sec = self._stamp
+        self._tick = Tick(*(replace(record, stamp=self._stamp * 10**9) for record in self._tick))
 
     def time(self, ask: Callable[[], None]) -> float:
         """Seconds from a question to its answer."""
+        self._go_on()
         started = time.perf_counter()
         ask()
         spin_until(self._executor, lambda: self._answer == self._stamp, 60.0, "an answer")
@@ -85,11 +90,11 @@ class Prober:
 
     def await_answers(self, ask: Callable[[], None]) -> None:
         """Ask until somebody answers, and some more."""
-        begun, asked = self._answer, time.monotonic()
-        ask()
+        begun, asked = self._answer, -math.inf
         while self._answer == begun:
             self._executor.spin_once(timeout_sec=0.05)
             if time.monotonic() - asked > 1.0:
+                self._go_on()
                 ask()
                 asked = time.monotonic()
         for _ in range(WARM_UP):

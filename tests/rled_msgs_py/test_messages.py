@@ -107,6 +107,12 @@ def test_a_delta_travels_as_position_without_velocity():
     assert len(message.velocity) == len(message.effort) == 0
 
 
+def test_names_are_those_of_each_message_whatever_came_before():
+    for names in (("a", "b"), ("a", "b"), ("a", "c"), ("a", "b", "c"), ("ab", "b"), ("a", "b")):
+        sent = DeltaCommand(0, names, np.zeros(len(names)))
+        assert messages.decode(JOINT_DELTA, messages.encode(JOINT_DELTA, sent)).names == names
+
+
 def test_joint_states_without_velocity_are_at_rest():
     message = JointState(name=["a", "b"], position=[1.0, 2.0])
     assert from_msg(JOINT_STATES, message).velocity.tolist() == [0.0, 0.0]
