@@ -73,7 +73,9 @@ class AgentNode(Node):
         self._urdf = ""
         self._arbiter: Arbiter | None = None
         self._enabled = self._params.enabled
-        self._learning = OnlineLearning(self._controller.policy, self._params.agent, self._params.learning_state)
+        self._learning = OnlineLearning(
+            self._controller.policy, self._params.agent, self._params.learning_state, self._params.learning_priority
+        )
         self._episode = -1
         self._waiting: Waiting | None = None
         self._answered: Answered | None = None

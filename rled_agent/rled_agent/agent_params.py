@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from rled_msgs_py.params import param
 
+from rled_agent.apprentice import PRIORITIES
 from rled_agent.arbiter import ArbiterSettings
 from rled_agent.controller import ActorSettings
 
@@ -33,6 +34,10 @@ class AgentParams:
                          read_only=True)  # fmt: skip
     seed: int = param(0, "seed of dropped units, noise and episodes", low=0, high=2**31 - 1, read_only=True)
     learning_state: str = param("out/agent_node/learning.safetensors", "where ~/learn keeps its state", read_only=True)
+    learning_priority: str = param(
+        "idle", "idle: learn on processors that nothing else wants; low: also on a machine that is busy all the time",
+        choices=PRIORITIES, read_only=True,
+    )  # fmt: skip
     learn: bool = param(False, "learn from the start; ~/learn switches it", read_only=True)
     enabled: bool = param(True, "answer states; ~/enable switches it", read_only=True)
 

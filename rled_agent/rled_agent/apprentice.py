@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,10 @@ from numpy.typing import NDArray
 
 from rled_agent.networks import Network
 from rled_agent.weight_slot import WeightSlot
+
+PRIORITIES = ("idle", "low")
+"""The learning process runs on processors that nothing else wants (SCHED_IDLE), or is a nice one."""
+NICENESS = 10
 
 
 class Apprentice:
@@ -21,16 +26,19 @@ class Apprentice:
         actor: network that acts; its weights are replaced as the process learns.
         policy: file of that network.
         checkpoint: where the process keeps its state.
+        priority: one of ``PRIORITIES``.
     """
 
-    def __init__(self, actor: Network, policy: Path, checkpoint: Path) -> None:
+    def __init__(self, actor: Network, policy: Path, checkpoint: Path, priority: str = "idle") -> None:
         self._actor = actor
         self._weights = np.empty(len(actor.parameters), dtype=np.float32)
         self._slot = WeightSlot(len(self._weights))
         self.offered = self.dropped = self.handovers = 0
         command = [sys.executable, "-m", "rled_agent.learning_process", "--policy", str(policy)]
         command += ["--slot", self._slot.name, "--checkpoint", str(checkpoint)]
-        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, process_group=0, preexec_fn=_ignore_saving)
+        self._process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, process_group=0, preexec_fn=partial(_prepare, priority)
+        )
         assert self._process.stdin is not None
         self._pipe = self._process.stdin.fileno()
         os.set_blocking(self._pipe, False)
@@ -84,6 +92,10 @@ class Apprentice:
         self._slot.close()
 
 
-def _ignore_saving() -> None:
-    """SIGUSR1 ends a program that does not listen to it yet."""
-    signal.signal(signal.SIGUSR1, signal.SIG_IGN)
+def _prepare(priority: str) -> None:
+    """In the new process, before it runs its program."""
+    signal.signal(signal.SIGUSR1, signal.SIG_IGN)  # it would end a program that does not listen to it yet
+    if priority == "idle":
+        os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+    else:
+        os.nice(NICENESS)

@@ -2,7 +2,7 @@
 
 The control process writes rows of a replay buffer to this program's standard input, each with a 1 behind it where a
 person acted, and never waits: what does not fit into the pipe is dropped and counted. Actor weights come back through a
-``WeightSlot``. The process is a nice one: what controls the robot goes first where both want the same core.
+``WeightSlot``.
 """
 
 import gc
@@ -31,7 +31,6 @@ from rled_agent.replay import Batch, Replay
 from rled_agent.run_directory import RunDirectory
 from rled_agent.weight_slot import WeightSlot
 
-NICENESS = 10
 PERSON_ROWS = "person.rows"
 
 
@@ -146,7 +145,6 @@ def learn(student: Student, slot: WeightSlot, stop: Event, save: Event) -> None:
 def main() -> None:
     """Run the process."""
     options = tyro.cli(Options, prog="learning_process")
-    os.nice(NICENESS)
     torch.set_num_threads(1)
     torch.set_flush_denormal(True)
     student = Student(options)

@@ -40,10 +40,11 @@ class OnlineLearning:
         policy: its network takes the learned weights.
         agent: file of the policy; empty when it is an expert, which does not learn.
         state: where the process keeps its state.
+        priority: which share of the processors it takes.
     """
 
-    def __init__(self, policy: Policy, agent: str, state: str) -> None:
-        self._policy, self._agent, self._state = policy, agent, Path(state)
+    def __init__(self, policy: Policy, agent: str, state: str, priority: str) -> None:
+        self._policy, self._agent, self._state, self._priority = policy, agent, Path(state), priority
         self._closing: Thread | None = None
         self.apprentice: Apprentice | None = None
 
@@ -57,7 +58,7 @@ class OnlineLearning:
             raise RledError("the learning process is saving its state", remedy="call again in some seconds")
         if not self._agent:
             raise RledError("the expert does not learn", remedy="start with --agent POLICY")
-        self.apprentice = Apprentice(self._policy.network, Path(self._agent), self._state)
+        self.apprentice = Apprentice(self._policy.network, Path(self._agent), self._state, self._priority)
 
     def switch(self, on: bool) -> None:
         """Learn or not; a process that has died is replaced.

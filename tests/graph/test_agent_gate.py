@@ -31,7 +31,7 @@ def agent(planar_expert: Path, folder: Path) -> Path:
 def gated(observer, children, planar_expert: Path, agent: Path, folder: Path):
     """The observer of a graph that is driven through a gate."""
     options = ["--expert", planar_expert, "--agent", agent, "--threshold", 0.0, "--measure", "iqr", "--noise", 0.1]
-    options += ["--learning-state", folder / "learning" / "state.safetensors"]
+    options += ["--learning-state", folder / "learning" / "state.safetensors", "--learning-priority", "low"]
     children.start([*program("rled_agent", "agent_node"), *map(str, options)])
     observer.wait(lambda: bool(observer.decisions), "the first decision")
     return observer

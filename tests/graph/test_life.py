@@ -81,7 +81,19 @@ def actor(planar_expert: Path, tmp_path_factory: pytest.TempPathFactory) -> Path
 def learner(planar_expert: Path, actor: Path, tmp_path: Path) -> tuple[object, ...]:
     """Options of an agent that learns."""
     state = tmp_path / "learning.safetensors"
-    return "--expert", planar_expert, "--agent", actor, "--learn", "--learning-state", state, "--threshold", 1e6
+    return (
+        "--expert",
+        planar_expert,
+        "--agent",
+        actor,
+        "--learn",
+        "--learning-state",
+        state,
+        "--threshold",
+        1e6,
+        "--learning-priority",
+        "low",
+    )
 
 
 def await_learning(observer) -> None:

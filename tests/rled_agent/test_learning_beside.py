@@ -206,7 +206,7 @@ def test_what_a_person_did_is_learned_from_at_once_and_kept(make_policy, tmp_pat
 def apprentice(make_policy, tmp_path: Path) -> Iterator[Apprentice]:
     policy = make_policy(dropout=0.2, layer_norm=True)
     policy.save(tmp_path / "policy.safetensors")
-    apprentice = Apprentice(policy.network, tmp_path / "policy.safetensors", tmp_path / "state.safetensors")
+    apprentice = Apprentice(policy.network, tmp_path / "policy.safetensors", tmp_path / "state.safetensors", "low")
     yield apprentice
     if apprentice.running:
         apprentice.close(PATIENCE)
@@ -232,6 +232,18 @@ def test_the_apprentice_learns_hands_weights_over_and_keeps_its_state(apprentice
     checkpoint = read_checkpoint(state)
     assert 500 < checkpoint.state["added"] <= apprentice.offered - apprentice.dropped
     assert 0 < checkpoint.state["updates"] <= checkpoint.state["added"] - 500
+
+
+@pytest.mark.parametrize(("priority", "policy", "niceness"), [("idle", os.SCHED_IDLE, 0), ("low", os.SCHED_OTHER, 10)])
+def test_learning_lets_control_go_first(planar_expert, tmp_path, priority, policy, niceness):
+    network = load_policy(planar_expert).network
+    apprentice = Apprentice(network, planar_expert, tmp_path / "state.safetensors", priority)
+    try:
+        process = apprentice._process.pid
+        assert os.sched_getscheduler(process) == policy
+        assert os.getpriority(os.PRIO_PROCESS, process) == min(os.nice(0) + niceness, 19)
+    finally:
+        apprentice.close(0.0)
 
 
 def test_a_dead_apprentice_costs_transitions_and_nothing_else(apprentice):

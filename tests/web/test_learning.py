@@ -28,7 +28,7 @@ def agent(planar_expert: Path, folder: Path) -> Path:
 def address(ros_domain: int, planar_expert: Path, agent: Path, folder: Path, serve: Any) -> Iterator[str]:
     sim = ["--robot", "planar", "--mode", "real_time", "--targets-per-episode", "2", "--max-steps", "60"]
     options = ["--expert", planar_expert, "--agent", agent, "--threshold", 1e6, "--measure", "iqr"]
-    options += ["--learning-state", folder / "learning" / "state.safetensors"]
+    options += ["--learning-state", folder / "learning" / "state.safetensors", "--learning-priority", "low"]
     with Children() as children:
         children.start([*program("rled_sim", "sim_node"), *sim])
         children.start([*program("rled_agent", "agent_node"), *map(str, options)])
