@@ -178,7 +178,7 @@ class Driver:
     def _require_fresh(self, stamp: int) -> None:
         lockstep = self.rules.mode == "lockstep"
         oldest = self.stamp if lockstep else max(self._answered + 1, self.stamp - self.rules.command_timeout)
-        accepted = f"{oldest} to {self.stamp} ns"
+        accepted = f"{oldest} to {self.stamp} ns" if oldest <= self.stamp else "one for the next state"
         if stamp < oldest:
             raise Refused(Code.STALE, f"a command for the state of {stamp} ns", accepted)
         if stamp > self.stamp:

@@ -81,19 +81,8 @@ def actor(planar_expert: Path, tmp_path_factory: pytest.TempPathFactory) -> Path
 def learner(planar_expert: Path, actor: Path, tmp_path: Path) -> tuple[object, ...]:
     """Options of an agent that learns."""
     state = tmp_path / "learning.safetensors"
-    return (
-        "--expert",
-        planar_expert,
-        "--agent",
-        actor,
-        "--learn",
-        "--learning-state",
-        state,
-        "--threshold",
-        1e6,
-        "--learning-priority",
-        "low",
-    )
+    files = "--expert", planar_expert, "--agent", actor, "--learning-state", state
+    return *files, "--learn", "--learning-priority", "low", "--threshold", 1e6
 
 
 def await_learning(observer) -> None:

@@ -34,14 +34,8 @@ def graph(observer, children, planar_expert: Path, state: Path):
     """The observer of a graph that an actor with dropout drives, always sure of itself."""
     agent = actor_like(planar_expert, state.with_name("actor.safetensors"))
     options = ["--expert", planar_expert, "--agent", agent, "--threshold", 1e6, "--measure", "iqr"]
-    options += [
-        "--learning-state",
-        state,
-        "--human-timeout",
-        3.0,
-        "--learning-priority",
-        "low",
-    ]  # a busy machine holds the person up
+    options += ["--learning-state", state, "--learning-priority", "low"]
+    options += ["--human-timeout", 3.0]  # a busy machine holds the person up
     children.start([*program("rled_agent", "agent_node"), *map(str, options)])
     observer.wait(lambda: bool(observer.decisions), "the first decision")
     return observer
