@@ -85,6 +85,7 @@ class Team:
         if not actor.exists():
             actor_like(self.expert, actor)
         options = ["--expert", self.expert, "--agent", actor, "--learning-state", self.learning_state, "--learn"]
+        options += ["--learning-priority", "low"]  # on a busy machine too
         return [*program("rled_agent", "agent_node"), *map(str, options)]
 
     def start(self, name: str) -> None:

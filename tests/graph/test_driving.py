@@ -43,7 +43,8 @@ class Stage:
         promised = advertise_in_time(self._sim, JOINT_STATES, PERIOD, lambda count: None) if in_time else None
         self._states = [promised or advertise(self._sim, JOINT_STATES)]
         self._states += [advertise(self._sim, topic) for topic in STATE_TOPICS[1:]]
-        texts = {TASK_DESCRIPTION: simulation.task.description.to_json(), ROBOT_DESCRIPTION: ROBOTS["planar"].description}
+        described = simulation.task.description.to_json(), ROBOTS["planar"].description
+        texts = dict(zip((TASK_DESCRIPTION, ROBOT_DESCRIPTION), described, strict=True))
         self._latched = [advertise(self._sim, topic) for topic in texts]
         for output, text in zip(self._latched, texts.values(), strict=True):
             output.publish(to_msg(Text(text)))

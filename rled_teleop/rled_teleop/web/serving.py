@@ -135,18 +135,24 @@ def _start(children: Children, params: WebParams) -> None:
     if params.robot:
         command = [*program("rled_sim", "sim_node"), "--robot", params.robot, "--mode", "real_time"]
         endless = [] if params.with_agent else ["--targets-per-episode", "0", "--max-steps", "0"]
-        children.start([*command, "--discovery-wait", "1", *endless, *shlex.split(params.sim_options)])
+        command += ["--discovery-wait", "1", *endless, *shlex.split(params.sim_options)]
+        children.start([*command, *_named(params.sim)])
     if params.with_agent:
         name, *options = shlex.split(params.with_agent)
         beside = Path(sys.executable).parent / name
-        children.start([str(beside) if beside.is_file() else name, *options])
+        children.start([str(beside) if beside.is_file() else name, *options, *_named(params.agent)])
 
 
 def _start_operator(children: Children, orders: int) -> Child:
-    """Start what answers ticks, in this node's namespace and with its topics, but under a name of its own."""
+    """Start what answers ticks."""
+    command = [*program("rled_teleop", OPERATOR), "--orders", str(orders), *_named(OPERATOR)]
+    return children.start(command, files=(orders,))
+
+
+def _named(name: str) -> list[str]:
+    """Options that put another node into this one's namespace, with its topics but under a name of its own."""
     given = sys.argv[sys.argv.index("--ros-args") + 1 :] if "--ros-args" in sys.argv else []
-    names = ["--ros-args", "-r", f"__node:={OPERATOR}", *given] if given else []
-    return children.start([*program("rled_teleop", OPERATOR), "--orders", str(orders), *names], files=(orders,))
+    return ["--ros-args", "-r", f"__node:={name}", *given] if given else []
 
 
 def _spin(node: Node, stop: Event, check: Callable[[], None]) -> None:
