@@ -1,7 +1,7 @@
 """Demonstrations as arrays: the points ζᵃ, the trajectories ζᵇ in closed form, and recorded trajectories."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple, Protocol, Self
@@ -15,9 +15,11 @@ from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.topics import EE_POSE, JOINT_DELTA, JOINT_STATES, MARKED_EE_POSE, MARKED_JOINT_STATES, TARGET_POSE
 from rled_sim.kinematics import Chain
 
+from rled_agent.flaws import Flaws
 from rled_agent.selection import Episodes, outside, select_episodes, select_points
 
 Floats = NDArray[np.float64]
+NO_FLAWS = Flaws()
 
 
 class DemonstrationError(RledError):
@@ -107,12 +109,14 @@ class JoinedPoints:
         points: ζᵃ.
         chain: forward kinematics f.
         pairs: which ordered pairs belong, shape (k, k); all of them when not given.
+        flaws: how poorly they were demonstrated.
     """
 
     task: TaskDescription
     points: DemonstrationPoints
     chain: Chain
     pairs: NDArray[np.bool_] | None = None
+    flaws: Flaws = NO_FLAWS
 
     @cached_property
     def _ends(self) -> NDArray[np.int64]:
@@ -126,6 +130,10 @@ class JoinedPoints:
             steps *= self.pairs
         return np.cumsum(steps.ravel())
 
+    @cached_property
+    def _goals(self) -> NDArray[np.int64]:
+        return self.flaws.goals_shown(len(self.points.joints))
+
     def __len__(self) -> int:
         """Number of transitions in ζᵇ."""
         return int(self._ends[-1])
@@ -137,10 +145,11 @@ class JoinedPoints:
 
     def draw(self, size: int, generator: np.random.Generator) -> "Moves":
         """Draw ``size`` transitions of ζᵇ uniformly, before they are made observations of."""
-        return self.at(generator.integers(len(self), size=size))
+        intended = self.at(generator.integers(len(self), size=size))
+        return intended._replace(action=self.flaws.shaken(intended.action, self.task.max_delta, generator))
 
     def at(self, transition: NDArray[np.int64]) -> "Moves":
-        """The transitions of the given running numbers, shape (k,)."""
+        """The transitions of the given running numbers, shape (k,), of a hand that does not tremble."""
         pair = np.searchsorted(self._ends, transition, side="right")
         before = np.where(pair > 0, self._ends[pair - 1], 0)
         start, goal = np.divmod(pair, len(self.points.joints))
@@ -150,17 +159,15 @@ class JoinedPoints:
         done = (transition - before)[:, None] * self.task.max_delta  # (k, 1)
         q = q_0 + way * (done / length)
         action = way / length * np.minimum(length - done, self.task.max_delta)
-        return Moves(q, self.chain.position(q), self.points.positions[goal], action)
+        shown = self._goals[pair] if self.flaws.wrong else goal
+        return Moves(q, self.chain.position(q), self.points.positions[shown], action)
 
     def split(self, share: float, generator: np.random.Generator) -> tuple["JoinedPoints", "JoinedPoints"]:
         """Set a share of the pairs aside."""
         k = len(self.points.joints)
         aside = generator.random((k, k)) < share
         both = np.ones((k, k), dtype=bool) if self.pairs is None else self.pairs
-        return (
-            JoinedPoints(self.task, self.points, self.chain, both & ~aside),
-            JoinedPoints(self.task, self.points, self.chain, both & aside),
-        )
+        return replace(self, pairs=both & ~aside), replace(self, pairs=both & aside)
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,10 +231,10 @@ def demonstration_points(bag: Bag, count: int = 0) -> DemonstrationPoints:
     return DemonstrationPoints(poses.position[of_poses], joints.ordered(bag.task.joint_names).position[of_joints])
 
 
-def joined_points(bag: Bag, count: int = 0) -> JoinedPoints:
+def joined_points(bag: Bag, count: int = 0, flaws: Flaws = NO_FLAWS) -> JoinedPoints:
     """ζᵇ in closed form from a bag's ζᵃ, or ``count`` points of it, and its robot description."""
     chain = Chain.from_urdf(bag.robot_description, bag.task.tip_link, bag.task.joint_names)
-    return JoinedPoints(bag.task, demonstration_points(bag, count), chain)
+    return JoinedPoints(bag.task, demonstration_points(bag, count), chain, flaws=flaws)
 
 
 def recorded_trajectories(bag: Bag, chosen: Episodes | None = None) -> RecordedTrajectories:
@@ -275,6 +282,7 @@ def open_demonstrations(
     min_quality: float = 0.0,
     say: Callable[[str], None] = lambda _: None,
     points: int = 0,
+    flaws: Flaws = NO_FLAWS,
 ) -> Demonstrations:
     """Open a bag's demonstrations.
 
@@ -284,6 +292,7 @@ def open_demonstrations(
         min_quality: least quality of an episode, for ``trajectories`` only.
         say: takes a line for each part that is left out.
         points: take only so many marked points, 0 for all; for ``points`` only.
+        flaws: how poor they are made; for ``points`` only.
 
     Raises:
         RledError: the bag is damaged or faulty, or holds nothing of the kind.
@@ -293,7 +302,9 @@ def open_demonstrations(
         if min_quality > 0.0:
             raise DemonstrationError(f"--min-quality {min_quality:g} with --source points", "--source trajectories")
         select_points(bag, say)
-        return joined_points(bag, points)
+        return joined_points(bag, points, flaws)
+    if flaws != NO_FLAWS:
+        raise DemonstrationError("--flaws with --source trajectories", "--source points")
     if points:
         raise DemonstrationError(f"--points {points} with --source trajectories", "--source points")
     return recorded_trajectories(bag, select_episodes(bag, min_quality, say))

@@ -9,9 +9,10 @@ from rled_msgs_py.errors import RledError
 
 from rled_agent.behaviour import Source, policy_source
 from rled_agent.config import TrainConfig
-from rled_agent.demonstrations import joined_points
+from rled_agent.demonstrations import NO_FLAWS, joined_points
 from rled_agent.environments import Environment, bounds, task_of
 from rled_agent.expert_rows import ExpertRows
+from rled_agent.flaws import Flaws
 from rled_agent.policy import load_policy
 from rled_agent.scaling import Scaling, scaling_of_bounds, scaling_of_points
 
@@ -44,8 +45,18 @@ def no_expertise(env: Environment, config: TrainConfig) -> Expertise:
     return Expertise(None, None, scaling)
 
 
-def read_expertise(env: Environment, bag: Bag, expert: Path, config: TrainConfig, points: int = 0) -> Expertise:
+def read_expertise(
+    env: Environment, bag: Bag, expert: Path, config: TrainConfig, points: int = 0, flaws: Flaws = NO_FLAWS
+) -> Expertise:
     """The expert of a bag, or of so many of its marked points, and a weights file.
+
+    Args:
+        env: the environment to learn in.
+        bag: the demonstrations.
+        expert: weights that were cloned from them.
+        config: settings of the run.
+        points: how many marked points are taken; 0 for all.
+        flaws: how poor the demonstrations are made.
 
     Raises:
         RledError: bag, weights and environment are not of one robot and task.
@@ -56,7 +67,7 @@ def read_expertise(env: Environment, bag: Bag, expert: Path, config: TrainConfig
     policy = load_policy(expert)
     task.require_same_robot(bag.task, "the bag")
     task.require_same_robot(policy.task, "the expert")
-    demonstrations = replace(joined_points(bag, points), task=task)
+    demonstrations = replace(joined_points(bag, points, flaws), task=task)
     scaling = scaling_of_points(task, demonstrations.points.positions, demonstrations.points.joints)
     rows = ExpertRows(demonstrations, scaling)
     return Expertise(policy_source(policy, scaling), rows, scaling)

@@ -3,7 +3,7 @@
 import contextlib
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from threading import Event
 from typing import Annotated, Any, Literal, NamedTuple
@@ -22,6 +22,7 @@ from rled_agent.config import MANY, TrainConfig, require_ranges
 from rled_agent.demonstrations import demonstration_points
 from rled_agent.environments import Environment, make_environment, task_of
 from rled_agent.expertise import Expertise, no_expertise, read_expertise
+from rled_agent.flaws import Flaws
 from rled_agent.interval import Interval
 from rled_agent.policy import Policy
 from rled_agent.presets import PRESETS
@@ -43,6 +44,8 @@ class Options:
     """weights that train_expert wrote"""
     points: int = 0
     """take only so many of the marked points, evenly spaced in the order of the marks; 0 takes all"""
+    flaws: Flaws = field(default_factory=Flaws)
+    """make the demonstrations worse on purpose; give the expert that was cloned from as poor ones"""
     over: Literal["process", "graph"] = "process"
     """process: the environment in this process; graph: a running sim_node, in lockstep, over ROS 2 topics"""
     resume: bool = False
@@ -86,7 +89,7 @@ def main() -> None:
 
 def _record(options: Options) -> dict[str, Any]:
     files = {"bag": str(options.bag), "expert": str(options.expert)}
-    demonstrations = files | {"points": options.points, "over": options.over}
+    demonstrations = files | {"points": options.points, "flaws": asdict(options.flaws), "over": options.over}
     return {"config": options.config.to_dict(), "demonstrations": demonstrations}
 
 
@@ -119,7 +122,7 @@ def _environments(options: Options) -> Iterator[tuple[Environment, Environment, 
     starts: NDArray[np.float64] | None = demonstration_points(bag, options.points).joints if bag else None
     evaluation_env = make_environment(options.config, starts)
     if bag is not None and options.expert is not None:
-        expertise = read_expertise(evaluation_env, bag, options.expert, options.config, options.points)
+        expertise = read_expertise(evaluation_env, bag, options.expert, options.config, options.points, options.flaws)
     else:
         expertise = no_expertise(evaluation_env, options.config)
     env = _training_environment(options, starts, task_of(evaluation_env))

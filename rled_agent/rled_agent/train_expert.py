@@ -16,6 +16,7 @@ from rled_msgs_py.files import write_whole
 from rled_agent.config import MANY, SEEDS, require_ranges
 from rled_agent.demonstrations import open_demonstrations
 from rled_agent.expert import CurvePoint, ExpertConfig, clone_expert
+from rled_agent.flaws import Flaws
 from rled_agent.plots import draw_learning_curve
 from rled_agent.progress import Progress
 
@@ -37,6 +38,8 @@ class Options:
     """points: every pair of marked points, joined in closed form; trajectories: the motions as recorded"""
     points: int = 0
     """points only: take so many of them, evenly spaced in the order of the marks; 0 takes all"""
+    flaws: Flaws = field(default_factory=Flaws)
+    """points only: make the demonstrations worse on purpose"""
     min_quality: float = 0.0
     """trajectories only: leave out episodes with a lower score, 0 to 1, as demos info shows it"""
     seed: int = 0
@@ -52,7 +55,7 @@ def main() -> None:
     require_ranges(options, {"seed": SEEDS, "min_quality": (0.0, 1.0), "points": (0, MANY)})
     torch.set_num_threads(1)
     bag = _bag(options)
-    demonstrations = open_demonstrations(bag, options.source, options.min_quality, print, options.points)
+    demonstrations = open_demonstrations(bag, options.source, options.min_quality, print, options.points, options.flaws)
     print(f"{len(demonstrations):,} demonstrated transitions of robot {demonstrations.task.robot}")
     generator = np.random.default_rng(options.seed)
     with Progress("step", options.expert.steps) as progress:
@@ -67,6 +70,7 @@ def main() -> None:
         "bag": str(bag),
         "source": options.source,
         "points": options.points,
+        "flaws": asdict(options.flaws),
         "min_quality": options.min_quality,
         "transitions": len(demonstrations),
         "expert_val_mse": curve[-1].validation,

@@ -120,7 +120,8 @@ def test_a_run_is_a_directory(train, planar, planar_bag, planar_expert, tmp_path
     assert record["config"]["learner"]["actor"]["hidden"] == [16, 16]
     assert record["config"]["behaviour"]["name"] == "gate"
     files = {"bag": str(planar_bag), "expert": str(planar_expert)}
-    assert record["demonstrations"] == files | {"points": 0, "over": "process"}
+    flawless = {"tremor": 0.0, "wrong": 0.0, "seed": 0}
+    assert record["demonstrations"] == files | {"points": 0, "flaws": flawless, "over": "process"}
     assert {"git", "python", "torch"} < record.keys()
     table = rows(output)
     assert [row["step"] for row in table] == [*range(50, 601, 50), 620]

@@ -1,0 +1,44 @@
+"""Demonstrations made worse on purpose, to see what poor ones cost (section 3.5.2)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rled_agent.config import SEEDS, require_ranges
+
+
+@dataclass(frozen=True)
+class Flaws:
+    """How poor the demonstrations are made; not at all by default."""
+
+    tremor: float = 0.0
+    """deviation of noise on each demonstrated displacement, as a share of the greatest displacement"""
+    wrong: float = 0.0
+    """share of the motions that do not lead to the target that they were shown for"""
+    seed: int = 0
+    """of which motions are wrong"""
+
+    def __post_init__(self) -> None:
+        require_ranges(self, {"tremor": (0.0, 10.0), "wrong": (0.0, 1.0), "seed": SEEDS})
+
+    def shaken(self, action: NDArray[np.float64], most: float, generator: np.random.Generator) -> NDArray[np.float64]:
+        """Displacements (rad) of a trembling hand, within Δq_max.
+
+        Args:
+            action: intended displacements (rad), shape (k, n).
+            most: Δq_max (rad).
+            generator: draws the tremor; nothing is drawn from it for a hand that does not tremble.
+        """
+        if not self.tremor:
+            return action
+        return np.clip(action + generator.normal(0.0, self.tremor * most, action.shape), -most, most)
+
+    def goals_shown(self, points: int) -> NDArray[np.int64]:
+        """For each ordered pair of points, in row order, the point that was shown as its target, shape (points²,)."""
+        generator = np.random.default_rng(self.seed)
+        goals = np.tile(np.arange(points), points)
+        wrong = generator.random(points**2) < self.wrong
+        others = generator.integers(1, points, size=int(wrong.sum()))
+        goals[wrong] = (goals[wrong] + others) % points
+        return goals
