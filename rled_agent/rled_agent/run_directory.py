@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import math
 import platform
 import subprocess
 from pathlib import Path
@@ -20,7 +21,7 @@ class RunDirectory:
 
     ``config.json`` (settings, bag, versions), ``expert.json`` (what the expert comes to in an evaluation),
     ``metrics.csv`` (a row an interval), TensorBoard events, ``checkpoint.safetensors`` (the last good one) and, for
-    this project's robots, ``policy.safetensors``.
+    this project's robots, ``policy.safetensors`` (of the checkpoint) and ``best.safetensors`` (of the best evaluation).
     """
 
     def __init__(self, path: Path) -> None:
@@ -29,6 +30,7 @@ class RunDirectory:
         self.metrics_path = path / "metrics.csv"
         self.checkpoint_path = path / "checkpoint.safetensors"
         self.policy_path = path / "policy.safetensors"
+        self.best_path = path / "best.safetensors"
         self._rows: list[dict[str, float]] = []
 
     def create(self, config: dict[str, Any]) -> None:
@@ -65,7 +67,7 @@ class RunDirectory:
     def load(self) -> Checkpoint:
         """Read the checkpoint, and drop the metrics that came after it and what a killed process had half written."""
         checkpoint = read_checkpoint(self.checkpoint_path)
-        for path in (self.checkpoint_path, self.policy_path, self.metrics_path):
+        for path in (self.checkpoint_path, self.policy_path, self.best_path, self.metrics_path):
             for leftover in self.path.glob(f".{path.stem}-*{path.suffix}"):
                 leftover.unlink()
         if self.metrics_path.exists():
@@ -79,6 +81,12 @@ class RunDirectory:
         """Add a row of metrics; the file on disk is whole at every moment."""
         self._rows.append(row)
         self._write_metrics()
+
+    def ends_in_the_best(self) -> bool:
+        """Whether the last row has an evaluation, of a greater return than any before or as great in fewer steps."""
+        scores = [(row["evaluation_reward"], -row["evaluation_steps"]) for row in self._rows]
+        *before, last = scores
+        return math.isfinite(last[0]) and all(last > each for each in before if math.isfinite(each[0]))
 
     def _write_metrics(self) -> None:
         text = io.StringIO()

@@ -159,6 +159,8 @@ def _train(trainer: Trainer, directory: RunDirectory, board: SummaryWriter, stop
             if trainer.step % schedule.log_every == 0 or trainer.step == schedule.steps:
                 row = _row(trainer, begin)
                 directory.append(row)
+                if directory.ends_in_the_best():
+                    _save_policy(trainer, directory.best_path)
                 _show(row, progress, board)
             if trainer.step % schedule.checkpoint_every == 0 or trainer.step == schedule.steps:
                 _save(trainer, directory)
@@ -203,9 +205,13 @@ def _show(row: dict[str, float], progress: Progress, board: SummaryWriter) -> No
 
 def _save(trainer: Trainer, directory: RunDirectory) -> None:
     directory.save(trainer.checkpoint())
+    _save_policy(trainer, directory.policy_path)
+
+
+def _save_policy(trainer: Trainer, path: Path) -> None:
     task = task_of(trainer.evaluation_env)
     if task is not None:
-        Policy(trainer.learner.actor, trainer.expertise.scaling, task).save(directory.policy_path)
+        Policy(trainer.learner.actor, trainer.expertise.scaling, task).save(path)
 
 
 if __name__ == "__main__":

@@ -28,7 +28,9 @@ SCHEDULE |= {"checkpoint-every": 100, "evaluate-every": 300, "evaluation-episode
 SMALL = [word for name, value in SCHEDULE.items() for word in (f"--schedule.{name}", str(value))]
 SMALL += ["--behaviour.passes", "6", "--learner.actor.hidden", "16", "16", "--learner.critic.hidden", "16", "16"]
 PENDULUM = ["pendulum", *SMALL]
-FILES = {"expert.json", "checkpoint.safetensors", "config.json", "metrics.csv", "policy.safetensors"}
+FILES = {
+    "expert.json", "checkpoint.safetensors", "config.json", "metrics.csv", "policy.safetensors", "best.safetensors"
+}  # fmt: skip
 
 
 @pytest.fixture

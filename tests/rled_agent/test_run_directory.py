@@ -74,3 +74,12 @@ def test_no_temporary_file_is_left(tmp_path):
     directory.append({"step": 1.0})
     directory.save(Checkpoint({}, {"step": 1}))
     assert sorted(os.listdir(tmp_path)) == ["checkpoint.safetensors", "config.json", "metrics.csv"]
+
+
+def test_the_best_evaluation_is_the_greatest_return_then_the_fewest_steps(tmp_path):
+    directory = RunDirectory(tmp_path)
+    found = []
+    for reward, steps in ((NAN, NAN), (3.0, 50.0), (2.0, 40.0), (NAN, NAN), (3.0, 50.0), (3.0, 49.0), (4.0, 60.0)):
+        directory.append({"step": 1.0, "evaluation_reward": reward, "evaluation_steps": steps})
+        found.append(directory.ends_in_the_best())
+    assert found == [False, True, False, False, False, True, True]
