@@ -27,13 +27,14 @@ def draw(path: Path, drawing: Drawing, folders: Folders, title: str) -> None:
 
 
 def _draw_curves(axes: Axes, drawing: Drawing, folders: Folders) -> None:
-    """Mean over the seeds, and a band of one standard deviation either way."""
+    """Mean over the seeds, and a band of one standard deviation either way, as far as any seed went."""
     for color, (label, runs) in zip(_colors(len(folders)), folders.items(), strict=True):
         curves = [read_curve(run / "metrics.csv", drawing.metric).smoothed(drawing.window) for run in runs]
         steps, values = common([curve for curve in curves if len(curve.steps)] or curves)
         mean, spread = values.mean(axis=0), values.std(axis=0)
         axes.plot(steps, mean, color=color, label=label, linewidth=1.5)
-        axes.fill_between(steps, mean - spread, mean + spread, color=color, alpha=0.15, linewidth=0)
+        low, high = np.maximum(mean - spread, values.min(axis=0)), np.minimum(mean + spread, values.max(axis=0))
+        axes.fill_between(steps, low, high, color=color, alpha=0.15, linewidth=0)
     axes.set(xlabel="environment steps", ylabel=drawing.label)
     if drawing.log:
         axes.set_yscale("log")
