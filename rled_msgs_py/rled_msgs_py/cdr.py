@@ -38,8 +38,11 @@ class CdrReader:
         start = self._at + (ENCAPSULATION - self._at) % alignment
         self._at = start + size
         if self._at > len(self._data):
-            raise ContractError(f"a message of {len(self._data)} bytes that breaks off")
+            raise self._broken()
         return start
+
+    def _broken(self) -> ContractError:
+        return ContractError(f"a message of {len(self._data)} bytes that breaks off")
 
     def time(self) -> tuple[int, int]:
         """Seconds and nanoseconds of a builtin_interfaces/Time."""
@@ -52,13 +55,19 @@ class CdrReader:
 
     def count(self) -> int:
         """Length of a sequence."""
-        number: int = self._count.unpack_from(self._data, self._place(4, 4))[0]
+        start = self._at + -self._at % 4
+        self._at = start + 4
+        if self._at > len(self._data):
+            raise self._broken()
+        number: int = self._count.unpack_from(self._data, start)[0]
         return number
 
     def text(self) -> str:
         """A string."""
         size = self.count()
-        start = self._place(size, 1)
+        start, self._at = self._at, self._at + size
+        if self._at > len(self._data):
+            raise self._broken()
         try:
             return self._data[start : start + max(size - 1, 0)].decode()
         except UnicodeDecodeError as error:
