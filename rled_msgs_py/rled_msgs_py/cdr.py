@@ -64,14 +64,25 @@ class CdrReader:
 
     def text(self) -> str:
         """A string."""
-        size = self.count()
-        start, self._at = self._at, self._at + size
-        if self._at > len(self._data):
-            raise self._broken()
+        return self.strings(1)[0]
+
+    def strings(self, count: int) -> list[str]:
+        """So many strings, one behind the other."""
+        data, at, unpack = self._data, self._at, self._count.unpack_from
+        found = []
         try:
-            return self._data[start : start + max(size - 1, 0)].decode()
+            for _ in range(count):
+                start = at + -at % 4 + 4
+                at = start + unpack(data, start - 4)[0]
+                found.append(data[start : max(at - 1, start)].decode())
+        except struct.error:
+            raise self._broken() from None
         except UnicodeDecodeError as error:
             raise ContractError(f"a text that is not UTF-8 ({error.reason})") from None
+        self._at = at
+        if at > len(data):
+            raise self._broken()
+        return found
 
     def texts(self) -> tuple[str, ...]:
         """A sequence of strings; the same one again, as joint names are, is known by its bytes."""
@@ -80,7 +91,7 @@ class CdrReader:
         if begun == place and self._data.startswith(block, begun):
             self._at += len(block)
             return texts
-        texts = tuple(self.text() for _ in range(self.members()))
+        texts = tuple(self.strings(self.members()))
         _known = begun, self._data[begun : self._at], texts
         return texts
 

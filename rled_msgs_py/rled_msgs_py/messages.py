@@ -150,9 +150,9 @@ def _health(source: CdrReader) -> Health:
     level = source.octet()
     if level not in (0, 1, 2):
         raise ContractError(f"diagnostic level {level}", "0 (OK), 1 (WARN), 2 (ERROR)")
-    name, message, _ = (source.text() for _ in range(3))
-    values = {source.text(): source.text() for _ in range(source.members())}
-    return Health(stamp, Level(level), name, message, values)
+    name, message, _ = source.strings(3)
+    values = source.strings(2 * source.members())
+    return Health(stamp, Level(level), name, message, dict(zip(values[::2], values[1::2], strict=True)))
 
 
 def _health_of_decision(decision: GateDecision) -> Health:

@@ -21,6 +21,11 @@ UNIT_TOLERANCE = 1e-3
 """How far the squared norm of an orientation may be from 1."""
 
 
+def is_finite(vector: Vector) -> bool:
+    """Whether all components are; for the few of a joint vector this takes a third of numpy's time."""
+    return all(map(math.isfinite, vector.tolist()))
+
+
 def finite_vector(values: ArrayLike, size: int, what: str) -> Vector:
     """Return ``values`` as a read-only float64 vector, shape (size,).
 
@@ -30,7 +35,7 @@ def finite_vector(values: ArrayLike, size: int, what: str) -> Vector:
     vector = np.array(values, dtype=np.float64)
     if vector.shape != (size,):
         raise ContractError(f"{what} has shape {vector.shape}", f"({size},)")
-    if not np.isfinite(vector).all():
+    if not is_finite(vector):
         raise ContractError(f"{what} holds {vector[~np.isfinite(vector)][0]}", "finite numbers")
     vector.flags.writeable = False
     return vector

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.limits import Zone
+from rled_msgs_py.records import is_finite
 from rled_msgs_py.task import TaskDescription
 
 from rled_sim.commands import ROUNDING, Code, Refused, too_large
@@ -89,7 +90,7 @@ class Guard:
         for name, vector in zip(Motion._fields, motion, strict=True):
             if vector.shape != (self._task.action_size,):
                 raise RledError(f"{name} of shape {vector.shape}", f"({self._task.action_size},)")
-            if not np.isfinite(vector).all():
+            if not is_finite(vector):
                 return Refused(Code.UNREADABLE, f"{name} holds {vector.tolist()}", "finite numbers (rad)")
         refused = too_large(motion.delta, self._task.max_delta)
         if refused is not None or not motion.delta.any():
