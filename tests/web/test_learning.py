@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from rled_agent.policy import load_policy
 from rled_msgs_py.processes import Children, program
-from rled_msgs_py.records import Actor
+from rled_msgs_py.records import Actor, GateCode
 
 from ..graph.team import actor_like
 from .socket_visitor import SocketVisitor
@@ -76,6 +76,17 @@ def test_the_threshold_is_set_from_the_page(me: SocketVisitor, watcher: Any, act
     me.enter("ξ threshold", 1e6)
     acts(Actor.AGENT)
     watcher.await_that(lambda: "threshold is 1000000.0" in me.text(), "the answer")
+
+
+def test_episodes_are_given_to_the_expert_from_the_page(me: SocketVisitor, watcher: Any) -> None:
+    def drivers() -> set[tuple[Actor, GateCode]]:
+        newest = watcher.decisions[-1].episode
+        return {(each.actor, each.code) for each in watcher.decisions if each.episode == newest}
+
+    me.enter("Φ", 1.0)
+    watcher.await_that(lambda: drivers() == {(Actor.EXPERT, GateCode.DRAWN)}, "an episode of the expert's")
+    me.enter("Φ", 0.0)
+    watcher.await_that(lambda: drivers() == {(Actor.AGENT, GateCode.SURE)}, "an episode of the agent's")
 
 
 def test_a_person_takes_over_holds_drives_and_hands_back(
