@@ -41,6 +41,10 @@ def me(address: str, watcher: Any) -> Iterator[SocketVisitor]:
     """A visitor who drives; the agent moves the robot meanwhile."""
     visitor = SocketVisitor(address)
     watcher.await_that(lambda: "driven by agent_node" in visitor.text(), "the agent")
+    # who drove before may leave only after this one has come, which then has to ask
+    watcher.await_that(lambda: "You drive" in visitor.text() or "Nobody drives" in visitor.text(), "the wheel")
+    if "Nobody drives" in visitor.text():
+        visitor.click("Drive")
     watcher.await_that(lambda: "You drive" in visitor.text(), "the wheel")
     yield visitor
     visitor.close()
