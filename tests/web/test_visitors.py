@@ -24,8 +24,10 @@ def bags(tmp_path_factory: pytest.TempPathFactory, mode: str) -> Path:
 
 
 @pytest.fixture(scope="module")
-def address(ros_domain: int, serve: Callable[..., Any], mode: str, bags: Path) -> Iterator[str]:
+def address(watcher: Any, serve: Callable[..., Any], mode: str, bags: Path) -> Iterator[str]:
+    before = len(watcher.ticks)
     with serve("--robot", "planar", "--sim-options", f"--mode {mode}", "--output", str(bags)) as address:
+        watcher.await_that(lambda: len(watcher.ticks) > before, "this simulation's first tick")
         yield address
 
 
