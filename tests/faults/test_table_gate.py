@@ -24,6 +24,8 @@ Take = Callable[[str, str, float, list[str]], None]
 JOINTS = ("shoulder", "elbow")
 MOTION = (0.004, -0.003)
 SURE, UNSURE = 1e6, 0.0
+AHEAD = 100_000_000
+"""So much newer (ns) than the newest is a state that no tick must overtake on its way."""
 
 
 class Gate:
@@ -170,7 +172,7 @@ def test_a_state_of_another_robot_is_not_answered(gate: Gate, row: Take) -> None
     plant, since = gate.plant, len(gate.plant.ticks) - 1
     rogues = [advertise(plant.node, topic) for topic in STATE_TOPICS]
     plant.wait(lambda: all(each.get_subscription_count() for each in rogues), "the agent")
-    tick, stamp = plant.tick, plant.tick.stamp + 1
+    tick, stamp = plant.tick, plant.tick.stamp + AHEAD
     wrong = replace(tick.joints, stamp=stamp, names=("panda_joint1", "panda_joint2"))
     records = [wrong, *(replace(each, stamp=stamp) for each in tick[1:])]
 
