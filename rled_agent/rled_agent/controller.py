@@ -97,9 +97,6 @@ class GatedController:
         self._monte_carlo = MonteCarlo(agent.network, settings.passes, generator)
         self._noise = Noise(settings.noise, generator)
 
-    def begin(self) -> None:
-        """Nothing lasts an episode here."""
-
     def adjust(self, settings: ActorSettings) -> None:
         """Compare by another measure from now on."""
         self._measure = settings.measure

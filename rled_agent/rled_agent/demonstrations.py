@@ -15,11 +15,10 @@ from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.topics import EE_POSE, JOINT_DELTA, JOINT_STATES, MARKED_EE_POSE, MARKED_JOINT_STATES, TARGET_POSE
 from rled_sim.kinematics import Chain
 
-from rled_agent.flaws import Flaws
+from rled_agent.flaws import NO_FLAWS, Flaws
 from rled_agent.selection import Episodes, outside, select_episodes, select_points
 
 Floats = NDArray[np.float64]
-NO_FLAWS = Flaws()
 
 
 class DemonstrationError(RledError):

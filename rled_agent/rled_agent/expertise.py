@@ -9,10 +9,10 @@ from rled_msgs_py.errors import RledError
 
 from rled_agent.behaviour import Source, policy_source
 from rled_agent.config import TrainConfig
-from rled_agent.demonstrations import NO_FLAWS, joined_points
+from rled_agent.demonstrations import joined_points
 from rled_agent.environments import Environment, bounds, task_of
 from rled_agent.expert_rows import ExpertRows
-from rled_agent.flaws import Flaws
+from rled_agent.flaws import NO_FLAWS, Flaws
 from rled_agent.policy import load_policy
 from rled_agent.scaling import Scaling, scaling_of_bounds, scaling_of_points
 

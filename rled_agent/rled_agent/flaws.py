@@ -42,3 +42,6 @@ class Flaws:
         others = generator.integers(1, points, size=int(wrong.sum()))
         goals[wrong] = (goals[wrong] + others) % points
         return goals
+
+
+NO_FLAWS = Flaws()

@@ -51,6 +51,7 @@ class Trainer:
         self.replay = Replay(*sizes, config.schedule.capacity)
         if config.schedule.preload and expertise.rows is not None:
             self.replay.extend(expertise.rows.sample(config.schedule.preload, self.generator).numpy())
+        self._act = actor_source(self.learner.actor)
         self.behaviour = self._make_behaviour()
         self.interval = Interval()
         self._begin_episode(int(self.generator.integers(SEEDS)))
@@ -64,21 +65,19 @@ class Trainer:
         if settings.name in ("jump_start", "proposal"):
             return self._make_peer(noise)
         if settings.name == "biased":
-            return BiasedExploration(
-                actor_source(self.learner.actor), source, noise, settings.phi, self.generator, unsure
-            )
+            return BiasedExploration(self._act, source, noise, settings.phi, self.generator, unsure)
         if unsure is None or source is None:
             lacks = "demonstrations" if source is None else "dropout in the actor"
             raise RledError(f"the Monte-Carlo gate lacks {lacks}", "", "give --bag and learner.actor.dropout > 0")
         return MonteCarloGate(unsure, source, noise, settings.threshold, settings.measure)
 
     def _make_peer(self, noise: Noise) -> Behaviour:
-        settings, actor, expert = self.config.behaviour, actor_source(self.learner.actor), self.expertise.source
+        settings, expert = self.config.behaviour, self.expertise.source
         if expert is None:
             raise RledError(f"behaviour {settings.name} lacks demonstrations", "", "give --bag and --expert")
         if settings.name == "proposal":
-            return Proposal(actor, expert, noise, self.learner.value)
-        return JumpStart(actor, expert, noise, settings.guide_steps, settings.guide_until)
+            return Proposal(self._act, expert, noise, self.learner.value)
+        return JumpStart(self._act, expert, noise, settings.guide_steps, settings.guide_until)
 
     def _begin_episode(self, seed: int) -> None:
         self._episode_seed, self._episode_actions = seed, list[NDArray[np.float32]]()
@@ -138,7 +137,7 @@ class Trainer:
 
     def evaluate(self) -> dict[str, float]:
         """Mean result of the actor without noise or dropout, on the same episodes every time."""
-        return self.evaluate_source(actor_source(self.learner.actor))
+        return self.evaluate_source(self._act)
 
     def evaluate_source(self, act: Source) -> dict[str, float]:
         """Mean result of any map of normalised observations to actions, on those episodes."""

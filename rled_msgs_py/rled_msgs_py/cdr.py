@@ -55,11 +55,7 @@ class CdrReader:
 
     def count(self) -> int:
         """Length of a sequence."""
-        start = self._at + -self._at % 4
-        self._at = start + 4
-        if self._at > len(self._data):
-            raise self._broken()
-        number: int = self._count.unpack_from(self._data, start)[0]
+        number: int = self._count.unpack_from(self._data, self._place(4, 4))[0]
         return number
 
     def text(self) -> str:
