@@ -116,7 +116,7 @@ class Experiment:
         title: one line.
         claim: what the thesis says, or what is asked.
         settings: which preset, and what was changed.
-        command: of every run; ``{seed}`` stands for the seed.
+        command: of every run; its seed is put behind it.
         seeds: number of seeds, from 0.
         variants: by name.
         runs_of: another experiment whose runs are looked at here; then there is neither command nor seeds.
@@ -144,8 +144,7 @@ class Experiment:
 
     def _command(self, name: RunName) -> tuple[str, ...]:
         variant = self.variants[name.variant]
-        parts = [*(variant.command or self.command), *variant.options, "--seed", "{seed}"]
-        return tuple(part.replace("{seed}", str(name.seed)) for part in parts)
+        return *(variant.command or self.command), *variant.options, "--seed", str(name.seed)
 
 
 def read_experiment(path: Path) -> Experiment:
