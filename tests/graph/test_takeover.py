@@ -121,10 +121,12 @@ def test_the_gate_stops_at_once_and_goes_on_when_released(graph) -> None:
     assert graph.call(SetBool, "agent_node/estop", data=True).message == "stopped until released"
     report = graph.wait_report(NAME, lambda health: health.message == "emergency stop")
     assert report.level is Level.ERROR
+    graph.wait(lambda: graph.decisions[-1].code is GateCode.STOPPED, "its decision")
+    graph.wait(lambda: graph.ticks[-1].stamp >= graph.decisions[-1].stamp, "the state that it was stopped in")
     heard = len(graph.ticks)
     graph.wait_report(NAME, lambda health: health.message == "emergency stop")
     assert len(graph.ticks) == heard
-    assert (graph.decisions[-1].actor, graph.decisions[-1].code) == (Actor.HOLD, GateCode.STOPPED)
+    assert (graph.decisions[-1].actor, graph.decisions[-1].stamp) == (Actor.HOLD, graph.ticks[-1].stamp)
     assert graph.call(SetBool, "agent_node/estop", data=False).message == "released"
     graph.wait_ticks(10)
 
