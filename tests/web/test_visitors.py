@@ -36,9 +36,19 @@ def visitor(address: str, watcher: Any) -> Iterator[Callable[[], SocketVisitor]]
     opened: list[SocketVisitor] = []
 
     def come() -> SocketVisitor:
-        opened.append(SocketVisitor(address))
-        opened[-1].find("y +")
-        return opened[-1]
+        me = SocketVisitor(address)
+        opened.append(me)
+        me.find("y +")
+        if len(opened) == 1:
+            take_the_wheel(me)
+        return me
+
+    def take_the_wheel(me: SocketVisitor) -> None:
+        """Who drove in the test before may only be leaving now."""
+        watcher.await_that(lambda: "You drive" in me.text() or "Nobody drives" in me.text(), "a free wheel")
+        if "Nobody drives" in me.text():
+            me.click("Drive")
+            watcher.await_that(lambda: "You drive" in me.text(), "the wheel")
 
     yield come
     for each in opened:
