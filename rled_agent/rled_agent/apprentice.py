@@ -80,7 +80,7 @@ class Apprentice:
         with contextlib.suppress(ProcessLookupError):
             self._process.send_signal(signal.SIGUSR1)
 
-    def close(self, patience: float = 10.0) -> None:
+    def close(self, patience: float) -> None:
         """End the process: it writes its state first, unless that takes it longer than ``patience`` seconds."""
         assert self._process.stdin is not None
         self._process.stdin.close()

@@ -15,6 +15,8 @@ from rled_agent.policy import Policy
 Vector = NDArray[np.float64]
 SAVING = 10.0
 """Seconds that the learning process is given to write its state when the node ends."""
+SAVING_ALONE = 120.0
+"""The same when it is switched off: nobody waits for it, and on a busy machine it comes last."""
 
 
 class Answered(NamedTuple):
@@ -68,7 +70,7 @@ class OnlineLearning:
         """
         before = self.apprentice
         if before is not None and not (on and before.running):
-            self._closing = Thread(target=before.close)
+            self._closing = Thread(target=before.close, args=(SAVING_ALONE,), daemon=True)
             self._closing.start()  # it saves its state first, and control does not wait
             if not before.running:
                 self._closing.join()
@@ -100,7 +102,9 @@ class OnlineLearning:
         return self._state.parent
 
     def close(self) -> None:
-        """End the process, which saves its state."""
+        """End the process, which saves its state; one that was switched off may be at it still."""
+        if self._closing is not None:
+            self._closing.join(SAVING)
         if self.apprentice is not None:
             self.apprentice.close(SAVING if self.apprentice.started else 0.0)
 

@@ -189,15 +189,15 @@ def run_node(
         _require_domain()
         rclpy.init(args=[program, *ros_arguments], signal_handler_options=SignalHandlerOptions.NO)
         node: Node | None = None
-        try:
-            with stop_requested() as stop:
+        with stop_requested() as stop:  # to the end: who asks twice does not cut short what is being saved
+            try:
                 node = make(parameter_overrides=overrides)
                 gc.freeze()  # what the imports brought is never looked at again: shorter pauses, a quicker end
                 (work or spin)(node, stop)
-        finally:
-            if node is not None:
-                node.destroy_node()
-            rclpy.try_shutdown()
+            finally:
+                if node is not None:
+                    node.destroy_node()
+                rclpy.try_shutdown()
 
     command_line(main)()
 

@@ -20,7 +20,7 @@ from rled_msgs_py.errors import RledError
 
 LAST_LINES = 20
 POLL = 0.01
-PATIENCE = {signal.SIGINT: 5.0, signal.SIGTERM: 2.0}
+PATIENCE = {signal.SIGINT: 15.0, signal.SIGTERM: 2.0}
 """Seconds that a child is given to end after each signal, before SIGKILL."""
 
 _PR_SET_PDEATHSIG = 1

@@ -25,7 +25,7 @@ def agent(ros_domain: int, planar_expert: Path, planar_bag: Path, tmp_path_facto
     """An actor with dropout, and the expert beside it; the robot's episodes have four steps, then it waits."""
     actor = actor_like(planar_expert, tmp_path_factory.mktemp("hostile") / "actor.safetensors")
     options = ["--expert", planar_expert, "--agent", actor, "--measure", "iqr", "--threshold", 0.1]
-    options += ["--learning-state", actor.with_name("learning.safetensors")]
+    options += ["--learning-state", actor.with_name("learning.safetensors"), "--learning-priority", "low"]
     episodes = ["--targets-per-episode", "0", "--max-steps", "4", "--no-auto-reset", "--joint-margin", "0.05"]
     with Plant("--robot", "planar", "--start-points", str(planar_bag), *episodes) as plant:
         command = [*program("rled_agent", "agent_node"), *map(str, options)]

@@ -24,8 +24,8 @@ Take = Callable[[str, str, float, list[str]], None]
 JOINTS = ("shoulder", "elbow")
 MOTION = (0.004, -0.003)
 SURE, UNSURE = 1e6, 0.0
-AHEAD = 100_000_000
-"""So much newer (ns) than the newest is a state that no tick must overtake on its way."""
+AHEAD = 1_000_000_000
+"""So much newer (ns) than what was heard last is a state that is newer than whatever is still on its way."""
 
 
 class Gate:
@@ -37,7 +37,7 @@ class Gate:
         subscribe(plant.node, replace(SAFETY_GATE, qos=Qos(depth=DEEP)), self.decisions.append)
         self.person = advertise(plant.node, HUMAN_JOINT_DELTA)
         self._options = ["--expert", expert, "--agent", agent, "--threshold", SURE, "--measure", "iqr"]
-        self._options += ["--learning-state", agent.with_name("learning.safetensors")]
+        self._options += ["--learning-state", agent.with_name("learning.safetensors"), "--learning-priority", "low"]
         self.peer = Peer(plant, "agent_node", self.start())
         plant.wait(lambda: bool(self.decisions) and bool(self.person.get_subscription_count()), "the agent")
 
@@ -172,6 +172,7 @@ def test_a_state_of_another_robot_is_not_answered(gate: Gate, row: Take) -> None
     plant, since = gate.plant, len(gate.plant.ticks) - 1
     rogues = [advertise(plant.node, topic) for topic in STATE_TOPICS]
     plant.wait(lambda: all(each.get_subscription_count() for each in rogues), "the agent")
+    assert plant.call(SetBool, "pause", data=True).success  # no tick between the parts of the rogue's
     tick, stamp = plant.tick, plant.tick.stamp + AHEAD
     wrong = replace(tick.joints, stamp=stamp, names=("panda_joint1", "panda_joint2"))
     records = [wrong, *(replace(each, stamp=stamp) for each in tick[1:])]
@@ -181,6 +182,7 @@ def test_a_state_of_another_robot_is_not_answered(gate: Gate, row: Take) -> None
             output.publish(to_msg(record))
 
     took = plant.measure(act, gate.refused(JOINT_STATES.name), "a refusal")
+    assert plant.call(SetBool, "pause", data=False).success
     for each in rogues:
         plant.node.destroy_publisher(each)
     gate.await_agent()

@@ -253,4 +253,4 @@ def test_a_dead_apprentice_costs_transitions_and_nothing_else(apprentice):
     apprentice.renew()
     apprentice.save()
     assert (apprentice.offered, apprentice.dropped) == (1, 1)
-    apprentice.close()
+    apprentice.close(PATIENCE)

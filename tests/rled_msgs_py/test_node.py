@@ -176,6 +176,7 @@ def test_waiting_in_vain_ends_with_an_error_that_says_for_what(graph):
 
 
 PROGRAM = """
+import time
 from dataclasses import dataclass
 from rclpy.node import Node
 from rled_msgs_py.node import declare, run_node
@@ -189,6 +190,12 @@ class Example(Node):
     def __init__(self, **options):
         super().__init__("example", **options)
         print(declare(self, Params), flush=True)
+
+    def destroy_node(self):
+        print("saving", flush=True)
+        time.sleep(0.5)
+        print("saved", flush=True)
+        super().destroy_node()
 
 run_node(Example, Params, "example", "An example.")
 """
@@ -208,6 +215,17 @@ def test_a_node_ends_cleanly_on_a_signal(number):
         _, errors = process.communicate(timeout=30)
     assert process.returncode == 0
     assert "Traceback" not in errors
+
+
+def test_a_node_that_is_asked_twice_saves_to_the_end():
+    with start() as process:
+        process.stdout.readline()
+        process.send_signal(signal.SIGINT)
+        assert process.stdout.readline() == "saving\n"
+        process.send_signal(signal.SIGINT)
+        process.send_signal(signal.SIGTERM)
+        output, errors = process.communicate(timeout=30)
+    assert (process.returncode, output, errors) == (0, "saved\n", "")
 
 
 @pytest.mark.parametrize(
