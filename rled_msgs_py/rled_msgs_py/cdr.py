@@ -1,6 +1,7 @@
 """Plain CDR, the encoding of messages on the wire and in bags (DDS-XTYPES 1.3, 7.4.1), as far as our types need it."""
 
 import struct
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,9 +10,12 @@ from rled_msgs_py.errors import ContractError
 
 ENCAPSULATION = 4
 """Bytes that tell the encoding; alignment counts from their end."""
-FORMATS = {order: (struct.Struct(f"{order}I"), struct.Struct(f"{order}iI")) for order in "<>"}
-"""Count and time, by byte order."""
+FORMATS = {order: (struct.Struct(f"{order}I"), struct.Struct(f"{order}iI"), np.dtype(f"{order}f8")) for order in "<>"}
+"""Count, time and doubles, by byte order."""
 
+COUNT, TIME, DOUBLE = FORMATS["<"]
+GAPS = tuple(bytes(3 - length) for length in range(4))
+"""Zeros behind a string of so many bytes, less whole fours, and its own zero."""
 
 _known: tuple[int, bytes, tuple[str, ...]] = -1, b"", ()
 """Place, bytes and members of the sequence of strings read last."""
@@ -31,8 +35,7 @@ class CdrReader:
         if data[:2] not in (b"\x00\x00", b"\x00\x01"):
             raise ContractError(f"a message in the encoding '{data[:2].hex()}'", "plain CDR (0000 or 0001)")
         self._data, self._at = data, ENCAPSULATION
-        self._order = "<" if data[1] else ">"
-        self._count, self._time = FORMATS[self._order]
+        self._count, self._time, self._double = FORMATS["<" if data[1] else ">"]
 
     def _place(self, size: int, alignment: int) -> int:
         start = self._at + (ENCAPSULATION - self._at) % alignment
@@ -68,9 +71,9 @@ class CdrReader:
         found = []
         try:
             for _ in range(count):
-                start = at + -at % 4 + 4
+                start = (at + 7) & -4  # past the length, which is aligned
                 at = start + unpack(data, start - 4)[0]
-                found.append(data[start : max(at - 1, start)].decode())
+                found.append(data[start : at - 1].decode())
         except struct.error:
             raise self._broken() from None
         except UnicodeDecodeError as error:
@@ -102,7 +105,7 @@ class CdrReader:
         if not count:
             return np.empty(0)
         start = self._place(8 * count, 8)
-        return np.frombuffer(self._data, f"{self._order}f8", count, start)
+        return np.frombuffer(self._data, self._double, count, start)
 
 
 class CdrWriter:
@@ -117,7 +120,7 @@ class CdrWriter:
     def time(self, seconds: int, nanoseconds: int) -> None:
         """A builtin_interfaces/Time."""
         self._align(4)
-        self._data += struct.pack("<iI", seconds, nanoseconds)
+        self._data += TIME.pack(seconds, nanoseconds)
 
     def octet(self, value: int) -> None:
         """One byte."""
@@ -126,20 +129,28 @@ class CdrWriter:
     def count(self, number: int) -> None:
         """Length of a sequence."""
         self._align(4)
-        self._data += struct.pack("<I", number)
+        self._data += COUNT.pack(number)
 
     def text(self, text: str) -> None:
         """A string."""
-        encoded = text.encode()
-        self.count(len(encoded) + 1)
-        self._data += encoded
-        self._data.append(0)
+        self.texts((text,))
+
+    def texts(self, texts: Iterable[str]) -> None:
+        """Strings, one behind the other."""
+        self._align(4)
+        parts: list[bytes] = []
+        gap = b""
+        for text in texts:
+            encoded = text.encode()
+            parts += gap, COUNT.pack(len(encoded) + 1), encoded, b"\0"
+            gap = GAPS[len(encoded) % 4]
+        self._data += b"".join(parts)
 
     def doubles(self, values: NDArray[np.float64]) -> None:
         """Float64 values without their count, shape (k,)."""
         if len(values):
             self._align(8)
-            self._data += values.astype("<f8").tobytes()
+            self._data += values.astype(DOUBLE).tobytes()
 
     def bytes(self) -> bytes:
         """The message."""

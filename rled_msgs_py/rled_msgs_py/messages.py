@@ -5,6 +5,7 @@ always zero, so equal records are equal bytes.
 """
 
 from collections.abc import Callable, Mapping
+from itertools import chain
 
 import numpy as np
 
@@ -99,8 +100,7 @@ def _read_header(source: CdrReader) -> tuple[int, str]:
 def _write_joints(to: CdrWriter, stamp: int, names: tuple[str, ...], position: Vector, velocity: Vector) -> None:
     _write_header(to, stamp, "")
     to.count(len(names))
-    for name in names:
-        to.text(name)
+    to.texts(names)
     for values in (position, velocity, _NONE):  # there is no effort
         to.count(len(values))
         to.doubles(values)
@@ -135,12 +135,9 @@ def _write_health(to: CdrWriter, health: Health) -> None:
     _write_header(to, health.stamp, "")
     to.count(1)
     to.octet(health.level.value)
-    for text in (health.name, health.message, ""):  # there is no hardware id
-        to.text(text)
+    to.texts((health.name, health.message, ""))  # there is no hardware id
     to.count(len(health.values))
-    for pair in health.values.items():
-        for text in pair:
-            to.text(text)
+    to.texts(chain.from_iterable(health.values.items()))
 
 
 def _health(source: CdrReader) -> Health:

@@ -242,7 +242,7 @@ class TaskStatus:
     refused: str = ""
 
     def __post_init__(self) -> None:
-        if not np.isfinite(self.reward):
+        if not math.isfinite(self.reward):
             raise ContractError(f"reward is {self.reward}", "a finite number")
 
 

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -90,6 +91,10 @@ class TaskDescription:
         """n, joints moved."""
         return len(self.joint_names)
 
+    @cached_property
+    def _indices(self) -> NDArray[np.intp]:
+        return np.array(self.axes)
+
     def observe(self, q: NDArray[Any], position: NDArray[Any], target: NDArray[Any]) -> NDArray[np.float64]:
         """The state vector x that a policy sees, for one state or a batch.
 
@@ -102,11 +107,9 @@ class TaskDescription:
             ``displacement_and_joints``: [X_T − X; q] of section 4.1.3, shape (..., m + n).
             ``position_and_target``: [X; X_T] of section 4.2.3, shape (..., 2m).
         """
-        axes = list(self.axes)
-        x, x_t = position[..., axes], target[..., axes]
         if self.observation == "displacement_and_joints":
-            return np.concatenate([x_t - x, q], axis=-1)
-        return np.concatenate([x, x_t], axis=-1)
+            return np.concatenate([(target - position).take(self._indices, -1), q], axis=-1)
+        return np.concatenate([position.take(self._indices, -1), target.take(self._indices, -1)], axis=-1)
 
     def observation_bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Least and greatest observation inside the workspace and the joint limits."""

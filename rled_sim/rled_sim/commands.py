@@ -73,7 +73,7 @@ def displacement(command: DeltaCommand, task: TaskDescription) -> list[float]:
 
 def too_large(delta: NDArray[np.float64], max_delta: float) -> Refused | None:
     """The refusal of a displacement (rad), shape (n,), with a component beyond Δq_max (rad)."""
-    largest = float(abs(delta).max())
+    largest = max(map(abs, delta.tolist()))
     if largest <= max_delta * (1.0 + ROUNDING):
         return None
     return Refused(Code.TOO_LARGE, f"a displacement of {largest:.6g} rad", f"at most {max_delta:g} rad")

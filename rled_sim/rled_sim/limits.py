@@ -93,7 +93,7 @@ class Guard:
             if not is_finite(vector):
                 return Refused(Code.UNREADABLE, f"{name} holds {vector.tolist()}", "finite numbers (rad)")
         refused = too_large(motion.delta, self._task.max_delta)
-        if refused is not None or not motion.delta.any():
+        if refused is not None or not any(motion.delta.tolist()):
             return refused
         return next((found for rule in self._rules if (found := rule(motion)) is not None), None)
 
