@@ -26,7 +26,7 @@ from sensor_msgs.msg import JointState
 
 from .weights import DESCRIPTION, untrained
 
-ROUNDS, LOOPS, WARM_UP = 7, 200, 100
+ROUNDS, LOOPS, WARM_UP = 41, 50, 100
 ECHO = """
 import rclpy
 from rclpy.node import Node
