@@ -84,9 +84,8 @@ def _section(library: Library, experiment: Experiment) -> str:
     parts.append(_effort(source, runs, kept))
     for k, drawing in enumerate(experiment.drawings if folders else []):
         path = FIGURES / f"{experiment.name}{f'-{k + 1}' if len(experiment.drawings) > 1 else ''}.png"
-        shown = {source.variants[name].label: folders[source.variants[name].label] for name in drawing.variants}
-        draw(path, drawing, shown or folders, _heading(experiment))
-        parts.append(f"![{_heading(experiment)}](results/figures/{path.name})\n\n{table(drawing, shown or folders)}\n")
+        draw(path, drawing, folders, _heading(experiment))
+        parts.append(f"![{_heading(experiment)}](results/figures/{path.name})\n\n{table(drawing, folders)}\n")
     return "".join(parts)
 
 

@@ -94,8 +94,7 @@ class Drawing:
         label: what that is, with its unit.
         log: logarithmic axis.
         level: of the metric, whose first step is told.
-        window: rows of ``metrics.csv`` whose mean is drawn.
-        variants: which ones, all by default.
+        window: rows of ``metrics.csv`` whose mean is drawn and counted with.
     """
 
     kind: Kind
@@ -104,7 +103,6 @@ class Drawing:
     log: bool = False
     level: float = float("nan")
     window: int = 1
-    variants: list[str] = field(default_factory=list)
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ def _curves(drawing: Drawing, folders: Folders) -> tuple[list[str], list[list[st
     heads = [drawing.label, "at the end", "over all of training", "seeds", *level[1:]]
     rows = []
     for label, runs in folders.items():
-        curves = [read_curve(run / "metrics.csv", drawing.metric) for run in runs]
+        curves = [read_curve(run / "metrics.csv", drawing.metric).smoothed(drawing.window) for run in runs]
         row = [label, str(estimate([c.end for c in curves])), str(estimate([c.mean for c in curves])), str(len(runs))]
         if np.isfinite(drawing.level):
             row.append(", ".join(_steps(curve.first_step(drawing.level)) for curve in curves))
