@@ -91,6 +91,8 @@ class TrainConfig:
     """Gymnasium environment"""
     reward: Literal["dense", "sparse", "own"] = "dense"
     """reward function of section 4.1.3; own: what the environment pays"""
+    target_spread: float = 0.0
+    """how far beside the curve a target lies at most, along each axis of the task (m)"""
     seed: int = 0
     """of everything that is drawn; the same seed gives the same run"""
     behaviour: BehaviourConfig = field(default_factory=BehaviourConfig)
@@ -122,6 +124,7 @@ class TrainConfig:
             return TrainConfig(
                 env=values["env"],
                 reward=values["reward"],
+                target_spread=values["target_spread"],
                 seed=values["seed"],
                 behaviour=BehaviourConfig(**values["behaviour"]),
                 schedule=ScheduleConfig(**values["schedule"]),
@@ -140,6 +143,7 @@ MANY = 10**12
 SEEDS = (0, 2**63 - 1)
 WIDTHS = (1, 100_000)
 RANGES: dict[str, tuple[float, float]] = {
+    "target_spread": (0, 1),
     "seed": SEEDS,
     "behaviour.phi": (0, 1),
     "behaviour.threshold": (0, MANY),

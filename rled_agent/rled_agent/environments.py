@@ -29,13 +29,15 @@ def make_environment(config: TrainConfig, start_joints: NDArray[np.float64] | No
     """The environment of a run.
 
     Args:
-        config: names environment, reward and faults.
+        config: names environment, reward, targets and faults.
         start_joints: joint angles that episodes start at (rad), shape (k, n): those of ζᵃ (Algorithm 2).
 
     Raises:
         RledError: no such environment, or spaces that the learner can't use.
     """
     options: dict[str, Any] = {} if config.reward == "own" else {"reward": config.reward}
+    if config.target_spread:
+        options["target_spread"] = config.target_spread
     if config.faults.any:
         options["faults"] = config.faults
     if start_joints is not None:

@@ -38,6 +38,7 @@ class ReachEnv(gymnasium.Env[Floats, Floats]):
         targets_per_episode: int | None = None,
         max_steps: int | None = None,
         limits: Limits = NO_LIMITS,
+        target_spread: float = 0.0,
         render_mode: str | None = None,
     ) -> None:
         """Open the environment.
@@ -50,10 +51,11 @@ class ReachEnv(gymnasium.Env[Floats, Floats]):
             targets_per_episode: targets that end an episode, 0 never; the task's own when None.
             max_steps: steps that cut an episode, 0 never; the task's own when None.
             limits: what motion has to keep within besides Δq_max.
+            target_spread: how far beside the curve a target lies at most, along each axis of the task (m).
             render_mode: ``human`` for PyBullet's window, ``rgb_array`` for pictures.
 
         Raises:
-            RledError: unknown robot, or start joints or limits that do not fit it.
+            RledError: unknown robot, start joints or limits that do not fit it, or a spread that is no length.
         """
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise RledError(f"render_mode '{render_mode}'", ", ".join(self.metadata["render_modes"]))
@@ -63,7 +65,12 @@ class ReachEnv(gymnasium.Env[Floats, Floats]):
             gymnasium.logger.warn("render_mode 'human' shows nothing: no X display in DISPLAY")
         chosen = robot_named(robot)
         task = reach_task(
-            chosen, reward=reward, targets_per_episode=targets_per_episode, max_steps=max_steps, limits=limits
+            chosen,
+            reward=reward,
+            targets_per_episode=targets_per_episode,
+            max_steps=max_steps,
+            limits=limits,
+            target_spread=target_spread,
         )
         self.task = task.description
         self._period = self.task.period * 1e-9

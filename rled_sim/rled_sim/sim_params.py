@@ -14,7 +14,7 @@ from rled_sim.faults import Faults, hidden_names
 from rled_sim.robots import ROBOTS, Robot, robot_named
 from rled_sim.simulation import Simulation
 from rled_sim.starts import marked_joints
-from rled_sim.tasks import reach_task
+from rled_sim.tasks import MOST_SPREAD, reach_task
 from rled_sim.world import World
 
 
@@ -39,6 +39,12 @@ class _OwnParams:
     )
     max_steps: int = _fixed(-1, "steps that cut an episode; 0: never, -1: the task's own", low=-1, high=10**9)
     period: float = _fixed(0.02, "simulation time between two ticks (s)", low=0.001, high=1.0)
+    target_spread: float = _fixed(
+        0.0,
+        "how far beside the curve a target lies at most, along each axis of the task (m)",
+        low=0.0,
+        high=MOST_SPREAD,
+    )
     start_points: str = _fixed("", "bag whose marked points episodes start at; empty: the robot's home")
     joint_margin: float = _fixed(
         -1.0,
@@ -93,6 +99,7 @@ def simulation_of(params: SimParams) -> Simulation:
         max_steps=_chosen(params.max_steps),
         period=round(params.period * 1e9),
         limits=limits_of(params, robot),
+        target_spread=params.target_spread,
     )
     starts = marked_joints(Path(params.start_points), task.description) if params.start_points else None
     world = World(robot, params.transition, task.description.period * 1e-9, params.gui)  # type: ignore[arg-type]

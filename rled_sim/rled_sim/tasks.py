@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from rled_msgs_py.errors import ContractError
 from rled_msgs_py.limits import NO_LIMITS, Limits
 from rled_msgs_py.task import Reward, TaskDescription
 
@@ -23,6 +24,8 @@ FLOOR_CLEARANCE = 0.05
 """Panda: a tool lower than this above the floor (m) is a risky state."""
 KEEP_OUT, REACH = 0.40, 0.95
 """Planar: a tip nearer to the base than the first or farther than the second (m) is a risky state."""
+MOST_SPREAD = 1.0
+"""Farther beside the curve (m) no target of these robots makes sense."""
 TURN = 2.0
 """Planar: a shoulder turned further than this either way (rad) is a risky state."""
 
@@ -44,16 +47,23 @@ class ReachTask:
         targets: points that targets are drawn from (m), shape (k, 3).
         risky: tells from joint angles and tip whether a state is risky.
         penalty: taken off the reward in a risky state (1).
+        spread: how far beside its point a target lies at most, along each axis of the task (m).
     """
 
     description: TaskDescription
     targets: NDArray[np.float64]
     risky: Risk
     penalty: float
+    spread: float = 0.0
 
     def draw_target(self, rng: np.random.Generator) -> Point:
-        """One of the targets, each as likely as the other."""
-        x, y, z = self.targets[rng.integers(len(self.targets))].tolist()
+        """One of the targets, each as likely as the other, or a point anywhere around it."""
+        point = self.targets[rng.integers(len(self.targets))].tolist()
+        if self.spread:
+            axes = self.description.axes
+            for axis, offset in zip(axes, rng.uniform(-self.spread, self.spread, len(axes)).tolist(), strict=True):
+                point[axis] += offset
+        x, y, z = point
         return x, y, z
 
     def reward(self, squared_distance: float, reached: bool, risky: bool) -> float:
@@ -146,6 +156,7 @@ def reach_task(
     max_steps: int | None = None,
     period: int | None = None,
     limits: Limits = NO_LIMITS,
+    target_spread: float = 0.0,
 ) -> ReachTask:
     """A robot's reach task, with the thesis's settings where nothing else is said.
 
@@ -156,10 +167,14 @@ def reach_task(
         max_steps: steps after which an episode is cut; 0 never cuts it.
         period: simulation time between ticks (ns).
         limits: what motion has to keep within.
+        target_spread: how far beside the curve a target lies at most, along each axis of the task (m); the task does
+            not look whether the robot reaches so far.
 
     Raises:
-        ContractError: limits of another number of joints.
+        ContractError: limits of another number of joints, or a spread that is no length.
     """
+    if not 0.0 <= target_spread <= MOST_SPREAD:
+        raise ContractError(f"target_spread is {target_spread}", f"0 to {MOST_SPREAD:g} m")
     task = _panda(robot) if robot.name == "panda" else _planar(robot)
     options = {
         "reward": reward,
@@ -169,7 +184,7 @@ def reach_task(
         "limits": limits,
     }
     chosen: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
-    return replace(task, description=replace(task.description, **chosen))
+    return replace(task, description=replace(task.description, **chosen), spread=target_spread)
 
 
 def _panda(robot: Robot) -> ReachTask:

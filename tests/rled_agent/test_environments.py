@@ -51,6 +51,15 @@ def test_reward_and_starts_reach_the_environment(reward):
     env.close()
 
 
+def test_the_spread_of_targets_reaches_the_environment():
+    wide, narrow = (make_environment(TrainConfig(target_spread=spread), None) for spread in (0.1, 0.0))
+    curve = narrow.unwrapped.simulation.task.targets
+    for env, beside in ((wide, True), (narrow, False)):
+        env.reset(seed=0)
+        assert (np.array(env.unwrapped.simulation.episode.target) != curve).any(axis=1).all() == beside
+        env.close()
+
+
 def test_foreign_environments_have_no_task():
     env = make("Pendulum-v1")
     assert task_of(env) is None

@@ -171,6 +171,24 @@ def test_targets_are_drawn_evenly():
     assert counts.min() > 50
 
 
+@pytest.mark.parametrize(("robot", "axes"), [(PANDA, 3), (PLANAR, 2)])
+def test_targets_are_spread_around_their_points_along_the_axes_of_the_task(robot, axes):
+    task, point = reach_task(robot, target_spread=0.1), (0.4, 0.3, 0.2)
+    rng = np.random.default_rng(4)
+    spread = np.array([replace(task, targets=np.array([point])).draw_target(rng) for _ in range(10_000)]) - point
+    assert (spread[:, axes:] == 0.0).all()
+    assert np.abs(spread).max() <= 0.1
+    # evenly: mean 0 and deviation 0.2 / √12, each within four standard errors
+    assert np.abs(spread[:, :axes].mean(axis=0)).max() < 4 * 0.0577 / 100
+    assert spread[:, :axes].std(axis=0) == pytest.approx([0.0577] * axes, abs=0.0015)
+
+
+@pytest.mark.parametrize("spread", [-0.1, 1.5, math.nan])
+def test_a_spread_that_is_no_length_is_refused(spread):
+    with pytest.raises(ContractError, match=f"target_spread is {spread}; accepted: 0 to 1 m"):
+        reach_task(PANDA, target_spread=spread)
+
+
 def test_unknown_reward_is_refused():
     with pytest.raises(ContractError, match="reward 'shaped'; accepted: dense, sparse"):
         reach_task(PANDA, reward="shaped")
