@@ -18,7 +18,13 @@ from rled_agent.progress import Progress
 
 RESULTS = Path("docs/results.md")
 FIGURES = Path("docs/results/figures")
-VERDICTS = {"reproduced": "reproduced", "partly": "partly reproduced", "not": "not reproduced", "open": "open"}
+VERDICTS = {
+    "reproduced": "reproduced",
+    "partly": "partly reproduced",
+    "not": "not reproduced",
+    "answered": "answered",
+    "open": "open",
+}
 HEAD = """# Results
 
 Chapter 4, figure by figure, and what stands beside it. Made by `make figures` from the runs in `results/runs`: each has
@@ -45,7 +51,7 @@ def main() -> None:
     library = Library(EXPERIMENTS)
     names = list(options.figures) or library.names()
     sections: list[str] = []
-    summary = ["| figure | claim | verdict |\n|---|---|---|\n"]
+    summary = ["| figure | claim or question | verdict |\n|---|---|---|\n"]
     with Progress("figure", len(names)) as progress:
         for done, name in enumerate(names, start=1):
             experiment = library.read(name)

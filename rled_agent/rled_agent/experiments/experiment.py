@@ -8,7 +8,8 @@ from typing import Any, Literal, NamedTuple, get_args
 
 from rled_msgs_py.errors import RledError
 
-Verdict = Literal["reproduced", "partly", "not", "open"]
+Verdict = Literal["reproduced", "partly", "not", "answered", "open"]
+"""Of a claim; ``answered`` is for a question, ``open`` for what has too few runs yet."""
 Kind = Literal["curves", "cloning", "bands", "paths", "tradeoff"]
 COMMANDS = ("train_expert", "train_agent", "train_peer", "evaluate_agent")
 OTHER_RUN = re.compile(r"\{([^{}/]+)/([^{}/]+)\}")
@@ -119,7 +120,7 @@ class Experiment:
         variants: by name.
         runs_of: another experiment whose runs are looked at here; then there is neither command nor seeds.
         drawings: pictures.
-        verdict: whether the claim is reproduced.
+        verdict: whether the claim is reproduced, or the question answered.
         reason: why that is the verdict.
     """
 
