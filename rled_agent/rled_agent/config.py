@@ -92,7 +92,7 @@ class TrainConfig:
     reward: Literal["dense", "sparse", "own"] = "dense"
     """reward function of section 4.1.3; own: what the environment pays"""
     target_spread: float = 0.0
-    """how far beside the curve a target lies at most, along each axis of the task (m)"""
+    """how far beside the curve targets lie at most, along each axis (m); over the graph it is sim_node's"""
     seed: int = 0
     """of everything that is drawn; the same seed gives the same run"""
     behaviour: BehaviourConfig = field(default_factory=BehaviourConfig)
