@@ -94,6 +94,7 @@ class Drawing:
         metric: column of ``metrics.csv`` for curves and trade-offs, band of targets for paths.
         label: what that is, with its unit.
         log: logarithmic axis.
+        ordered: the variants are steps of one scale, and so are their colours.
         level: of the metric, whose first step is told.
         window: rows of ``metrics.csv`` whose mean is drawn and counted with.
     """
@@ -102,6 +103,7 @@ class Drawing:
     metric: str = ""
     label: str = ""
     log: bool = False
+    ordered: bool = False
     level: float = float("nan")
     window: int = 1
 

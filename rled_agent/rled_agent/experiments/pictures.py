@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,8 @@ from rled_agent.experiments.statistics import common, estimate, read_columns, re
 Folders = Mapping[str, Sequence[Path]]
 """Folders of the runs of each variant, by its label."""
 SHOWN = 8
+LINE, HANDLE, LABEL = 100, 8, 50
+"""Letters across a picture, what the line before a legend's text takes of them, and letters along an axis."""
 
 
 def draw(path: Path, drawing: Drawing, folders: Folders, title: str) -> None:
@@ -28,14 +31,14 @@ def draw(path: Path, drawing: Drawing, folders: Folders, title: str) -> None:
 
 def _draw_curves(axes: Axes, drawing: Drawing, folders: Folders) -> None:
     """Mean over the seeds, and a band of one standard deviation either way, as far as any seed went."""
-    for color, (label, runs) in zip(_colors(len(folders)), folders.items(), strict=True):
+    for color, (label, runs) in zip(_colors(len(folders), drawing.ordered), folders.items(), strict=True):
         curves = [read_curve(run / "metrics.csv", drawing.metric).smoothed(drawing.window) for run in runs]
         steps, values = common([curve for curve in curves if len(curve.steps)] or curves)
         mean, spread = values.mean(axis=0), values.std(axis=0)
         axes.plot(steps, mean, color=color, label=label, linewidth=1.5)
         low, high = np.maximum(mean - spread, values.min(axis=0)), np.minimum(mean + spread, values.max(axis=0))
         axes.fill_between(steps, low, high, color=color, alpha=0.15, linewidth=0)
-    axes.set(xlabel="environment steps", ylabel=drawing.label)
+    axes.set(xlabel="environment steps", ylabel=fill(drawing.label, LABEL))
     if drawing.log:
         axes.set_yscale("log")
     _legend(axes)
@@ -81,7 +84,7 @@ def _draw_paths(axes: Axes, drawing: Drawing, folders: Folders) -> None:
 
 def _draw_tradeoff(axes: Axes, drawing: Drawing, folders: Folders) -> None:
     """What a share of demonstrated actions buys: one point a variant, means over all of training."""
-    for color, (label, runs) in zip(_colors(len(folders)), folders.items(), strict=True):
+    for color, (label, runs) in zip(_colors(len(folders), drawing.ordered), folders.items(), strict=True):
         shares, values = (
             np.array([read_curve(run / "metrics.csv", metric).mean for run in runs])
             for metric in ("demonstrated_share", drawing.metric)
@@ -114,12 +117,14 @@ def read_courses(run: Path, band: str) -> dict[str, list[Course]]:
     return {policy: [Course(*each) for each in group] for policy, group in courses.items()}
 
 
-def _colors(count: int) -> list[Any]:
-    """Distinct ones for a few variants, an ordered scale for many."""
-    if count <= 4:
+def _colors(count: int, ordered: bool = False) -> list[Any]:
+    """Distinct ones, or a scale."""
+    if not ordered:
         return [f"C{k}" for k in range(count)]
     return [colormaps["viridis"](k) for k in np.linspace(0.0, 0.9, count)]
 
 
 def _legend(axes: Axes) -> None:
-    axes.figure.legend(loc="outside lower center", ncols=4, frameon=False)
+    longest = max(map(len, axes.get_legend_handles_labels()[1]), default=0)
+    columns = max(1, min(4, LINE // (longest + HANDLE)))
+    axes.figure.legend(loc="outside lower center", ncols=columns, frameon=False)
