@@ -7,9 +7,11 @@ from threading import Event
 
 import numpy as np
 import pytest
+from matplotlib.image import imread
 from rled_agent.experiments.draw_figures import main as draw_figures
 from rled_agent.experiments.execution import execute, is_done, keep
-from rled_agent.experiments.experiment import ExperimentError, Library, Run, RunName
+from rled_agent.experiments.experiment import Drawing, ExperimentError, Library, Run, RunName
+from rled_agent.experiments.pictures import draw
 from rled_agent.experiments.reproduce import EXPERIMENTS, KEPT
 from rled_agent.experiments.statistics import Curve, common, estimate
 from rled_agent.experiments.sweep import Finished, sweep
@@ -229,6 +231,17 @@ def test_figures_and_numbers_come_from_the_runs_that_are_kept(tmp_path, monkeypa
     picture = Path("docs/results/figures/view.png")
     assert f"]({picture.relative_to('docs')})" in text
     assert picture.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+
+
+def test_long_labels_stay_within_the_picture(tmp_path):
+    folders = {}
+    for k in range(7):
+        metrics(tmp_path / str(k) / "metrics.csv", {"step": [1.0, 2.0], "reward": [float(k), 0.0]})
+        folders[f"{k}: a method whose name says at length what it does and what not"] = [tmp_path / str(k)]
+    label = "a metric whose name says at length what is measured, where, and over how many steps the mean is taken"
+    draw(tmp_path / "long.png", Drawing("curves", "reward", label), folders, "Long labels")
+    pixels = imread(tmp_path / "long.png")[..., :3]
+    assert pixels[:, [0, -1]].min() == 1.0  # white at both sides
 
 
 def test_a_figure_is_drawn_of_the_runs_that_are_there(tmp_path, monkeypatch):
