@@ -44,7 +44,7 @@ def _cloning(_: Drawing, folders: Folders) -> tuple[list[str], list[list[str]]]:
         first, last = (estimate([each["validation"][at] for each in columns]) for at in (0, -1))
         rises = estimate([float(np.mean(np.diff(each["validation"]) > 0.0)) for each in columns])
         rows.append([label, str(first), str(last), str(rises), str(len(runs))])
-    return ["robot", "first validation error", "last", "share of validations that rose", "seeds"], rows
+    return ["expert", "first validation error", "last", "share of validations that rose", "seeds"], rows
 
 
 def _bands(_: Drawing, folders: Folders) -> tuple[list[str], list[list[str]]]:
