@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 from rled_msgs_py.errors import RledError
 from rled_sim.faults import Faults
+from rled_sim.tasks import MOST_SPREAD
 
 from rled_agent.architecture import Architecture
 from rled_agent.learner import LearnerConfig
@@ -143,7 +144,7 @@ MANY = 10**12
 SEEDS = (0, 2**63 - 1)
 WIDTHS = (1, 100_000)
 RANGES: dict[str, tuple[float, float]] = {
-    "target_spread": (0, 1),
+    "target_spread": (0, MOST_SPREAD),
     "seed": SEEDS,
     "behaviour.phi": (0, 1),
     "behaviour.threshold": (0, MANY),

@@ -133,9 +133,9 @@ class CdrWriter:
 
     def text(self, text: str) -> None:
         """A string."""
-        self.texts((text,))
+        self.strings((text,))
 
-    def texts(self, texts: Iterable[str]) -> None:
+    def strings(self, texts: Iterable[str]) -> None:
         """Strings, one behind the other."""
         self._align(4)
         parts: list[bytes] = []

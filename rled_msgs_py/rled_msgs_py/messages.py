@@ -100,7 +100,7 @@ def _read_header(source: CdrReader) -> tuple[int, str]:
 def _write_joints(to: CdrWriter, stamp: int, names: tuple[str, ...], position: Vector, velocity: Vector) -> None:
     _write_header(to, stamp, "")
     to.count(len(names))
-    to.texts(names)
+    to.strings(names)
     for values in (position, velocity, _NONE):  # there is no effort
         to.count(len(values))
         to.doubles(values)
@@ -135,9 +135,9 @@ def _write_health(to: CdrWriter, health: Health) -> None:
     _write_header(to, health.stamp, "")
     to.count(1)
     to.octet(health.level.value)
-    to.texts((health.name, health.message, ""))  # there is no hardware id
+    to.strings((health.name, health.message, ""))  # there is no hardware id
     to.count(len(health.values))
-    to.texts(chain.from_iterable(health.values.items()))
+    to.strings(chain.from_iterable(health.values.items()))
 
 
 def _health(source: CdrReader) -> Health:

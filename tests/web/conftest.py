@@ -25,6 +25,8 @@ from rled_sim.robots import ROBOTS
 from rled_teleop.web.handle import SIZE as HANDLE
 from rled_teleop.web.scene import FIELD_OF_VIEW, camera_for
 
+from .socket_visitor import SocketVisitor
+
 SHOTS = Path(__file__).parents[2] / "out" / "web_tests"
 """Where pictures of the page are kept."""
 HOME = ROBOTS["planar"].home
@@ -53,6 +55,14 @@ def browser() -> Iterator[Any]:
         launched = chromium.chromium.launch(executable_path=found, args=GPU)
         yield launched
         launched.close()
+
+
+def take_the_wheel(visitor: SocketVisitor) -> None:
+    """Drive; who drove before may leave only after this one has come, which then has to ask."""
+    await_that(lambda: "You drive" in visitor.text() or "Nobody drives" in visitor.text(), "a free wheel")
+    if "Nobody drives" in visitor.text():
+        visitor.click("Drive")
+        await_that(lambda: "You drive" in visitor.text(), "the wheel")
 
 
 class Watcher:

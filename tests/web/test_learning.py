@@ -11,6 +11,7 @@ from rled_msgs_py.processes import Children, program
 from rled_msgs_py.records import Actor, GateCode
 
 from ..graph.team import actor_like
+from .conftest import take_the_wheel
 from .socket_visitor import SocketVisitor
 
 
@@ -41,11 +42,7 @@ def me(address: str, watcher: Any) -> Iterator[SocketVisitor]:
     """A visitor who drives; the agent moves the robot meanwhile."""
     visitor = SocketVisitor(address)
     watcher.await_that(lambda: "driven by agent_node" in visitor.text(), "the agent")
-    # who drove before may leave only after this one has come, which then has to ask
-    watcher.await_that(lambda: "You drive" in visitor.text() or "Nobody drives" in visitor.text(), "the wheel")
-    if "Nobody drives" in visitor.text():
-        visitor.click("Drive")
-    watcher.await_that(lambda: "You drive" in visitor.text(), "the wheel")
+    take_the_wheel(visitor)
     yield visitor
     visitor.close()
 

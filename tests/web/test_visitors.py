@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from rled_msgs_py.processes import program
 
+from .conftest import take_the_wheel
 from .socket_visitor import SocketVisitor
 
 
@@ -42,13 +43,6 @@ def visitor(address: str, watcher: Any) -> Iterator[Callable[[], SocketVisitor]]
         if len(opened) == 1:
             take_the_wheel(me)
         return me
-
-    def take_the_wheel(me: SocketVisitor) -> None:
-        """Who drove in the test before may only be leaving now."""
-        watcher.await_that(lambda: "You drive" in me.text() or "Nobody drives" in me.text(), "a free wheel")
-        if "Nobody drives" in me.text():
-            me.click("Drive")
-            watcher.await_that(lambda: "You drive" in me.text(), "the wheel")
 
     yield come
     for each in opened:
