@@ -68,6 +68,10 @@ class Behaviour(Protocol):
         """An episode begins."""
         ...
 
+    def end(self, total: float) -> None:
+        """An episode has ended, with that sum of rewards."""
+        ...
+
     def act(self, observation: NDArray[np.float32]) -> Choice:
         """Choose an action for a normalised observation, shape (o,)."""
         ...
@@ -126,6 +130,9 @@ class BiasedExploration:
         """Draw ξ (Eq. 4.11)."""
         self.expert_episode = self.expert is not None and bool(self.generator.random() < self.phi)
 
+    def end(self, total: float) -> None:
+        """Nothing is learned from it here."""
+
     def act(self, observation: NDArray[np.float32]) -> Choice:
         """Act by Eq. 4.12."""
         estimated = self.uncertainty(observation).uncertainty if self.uncertainty else {}
@@ -162,6 +169,9 @@ class MonteCarloGate:
 
     def begin(self) -> None:
         """Nothing lasts an episode here."""
+
+    def end(self, total: float) -> None:
+        """Nothing is learned from it here."""
 
     def act(self, observation: NDArray[np.float32]) -> Choice:
         """Act by Eq. 4.40."""

@@ -49,9 +49,11 @@ class BehaviourConfig:
     noise: float = 0.1
     """δ, deviation of the exploration noise, in halves of the action range"""
     guide_steps: int = 60
-    """jump_start: steps of an episode in which the expert acts, at first"""
-    guide_until: int = 50_000
-    """jump_start: environment steps after which it acts no more; until then its steps fall linearly"""
+    """jump_start: steps of an episode in which the expert acts, in the first stage"""
+    guide_stages: int = 10
+    """jump_start: stages after which it acts no more"""
+    guide_tolerance: float = 0.1
+    """jump_start: share of the best mean return that may lack for the next stage"""
 
 
 @dataclass(frozen=True)
@@ -151,7 +153,8 @@ RANGES: dict[str, tuple[float, float]] = {
     "behaviour.passes": (2, 10_000),
     "behaviour.noise": (0, 10),
     "behaviour.guide_steps": (0, MANY),
-    "behaviour.guide_until": (1, MANY),
+    "behaviour.guide_stages": (1, MANY),
+    "behaviour.guide_tolerance": (0, MANY),
     "schedule.steps": (1, MANY),
     "schedule.train_after": (1, MANY),
     "schedule.train_every": (1, MANY),

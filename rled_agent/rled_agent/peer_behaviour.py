@@ -1,7 +1,8 @@
 """Who acts while learning, in methods that the thesis's are compared with: JSRL and IBRL."""
 
+import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -12,29 +13,39 @@ from rled_agent.behaviour import Action, Choice, Noise, Source
 
 Value = Callable[[NDArray[np.float32], Action], float]
 """Of a normalised observation and action."""
+JUDGED = 5
+"""Episodes whose mean return decides about a stage."""
 
 
 @dataclass
 class JumpStart:
-    """The expert acts at the beginning of an episode, ever more briefly, then the actor (JSRL, Uchendu et al., 2023).
+    """The expert begins each episode, in each stage more briefly, and the actor goes on (JSRL, Uchendu et al., 2023).
+
+    As in its Algorithm 1, the next stage begins when both together do about as well as they have ever done.
 
     Attributes:
         policy: π_θ.
         expert: the guide policy.
         noise: ε.
-        guide_steps: steps of an episode in which the guide acts, at first.
-        guide_until: environment steps after which it acts no more; in between its steps fall linearly.
-        acted: environment steps so far.
+        guide_steps: steps of an episode in which the guide acts, in the first stage.
+        stages: after which it acts no more.
+        tolerance: share of the best mean return that may lack for the next stage.
+        stage: under way, from 0.
         step: of the episode.
+        best: mean return so far.
+        returns: of the episodes of this stage.
     """
 
     policy: Source
     expert: Source
     noise: Noise
     guide_steps: int
-    guide_until: int
-    acted: int = 0
+    stages: int
+    tolerance: float
+    stage: int = 0
     step: int = 0
+    best: float = -math.inf
+    returns: list[float] = field(default_factory=list)
 
     def begin(self) -> None:
         """An episode begins."""
@@ -42,20 +53,31 @@ class JumpStart:
 
     def act(self, observation: NDArray[np.float32]) -> Choice:
         """Guide or actor, by the step of the episode."""
-        horizon = self.guide_steps * max(0.0, 1.0 - self.acted / self.guide_until)
-        guided = self.step < horizon
-        self.acted, self.step = self.acted + 1, self.step + 1
+        guided = self.step < self.guide_steps * (1.0 - self.stage / self.stages)
+        self.step += 1
         if guided:
             return Choice(self.expert(observation), Actor.EXPERT, {})
         return Choice(self.noise.added_to(self.policy(observation)), Actor.AGENT, {})
 
+    def end(self, total: float) -> None:
+        """Judge the last few episodes of this stage."""
+        self.returns = [*self.returns[1 - JUDGED :], total]
+        if len(self.returns) < JUDGED:
+            return
+        mean = float(np.mean(self.returns))
+        self.best = max(self.best, mean)
+        if self.stage < self.stages and mean >= self.best - self.tolerance * abs(self.best):
+            self.stage, self.returns = self.stage + 1, []
+
     def state(self) -> dict[str, Any]:
         """What a checkpoint keeps."""
-        return {"acted": self.acted, "step": self.step}
+        best = self.best if self.best > -math.inf else None
+        return {"stage": self.stage, "step": self.step, "best": best, "returns": self.returns}
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go on from ``state``."""
-        self.acted, self.step = state["acted"], state["step"]
+        self.stage, self.step, self.returns = state["stage"], state["step"], state["returns"]
+        self.best = -math.inf if state["best"] is None else state["best"]
 
 
 @dataclass
@@ -76,6 +98,9 @@ class Proposal:
 
     def begin(self) -> None:
         """Nothing lasts an episode here."""
+
+    def end(self, total: float) -> None:
+        """Nothing is learned from it here."""
 
     def act(self, observation: NDArray[np.float32]) -> Choice:
         """The proposal of greater value."""

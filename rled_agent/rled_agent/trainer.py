@@ -77,7 +77,9 @@ class Trainer:
             raise RledError(f"behaviour {settings.name} lacks demonstrations", "", "give --bag and --expert")
         if settings.name == "proposal":
             return Proposal(self._act, expert, noise, self.learner.value)
-        return JumpStart(self._act, expert, noise, settings.guide_steps, settings.guide_until)
+        return JumpStart(
+            self._act, expert, noise, settings.guide_steps, settings.guide_stages, settings.guide_tolerance
+        )
 
     def _begin_episode(self, seed: int) -> None:
         self._episode_seed, self._episode_actions = seed, list[NDArray[np.float32]]()
@@ -101,6 +103,7 @@ class Trainer:
         self.step += 1
         if terminated or truncated:
             self.interval.episodes.append(self._episode)
+            self.behaviour.end(self._episode.reward)
             self._begin_episode(int(self.generator.integers(SEEDS)))
 
     def _physical(self, action: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -2,6 +2,7 @@ import json
 import re
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from threading import Event
 
@@ -15,6 +16,7 @@ from rled_agent.experiments.pictures import draw
 from rled_agent.experiments.reproduce import EXPERIMENTS, KEPT
 from rled_agent.experiments.statistics import Curve, common, estimate
 from rled_agent.experiments.sweep import Finished, sweep
+from rled_agent.experiments.tables import table
 from rled_msgs_py.errors import RledError
 
 ROOT = Path(__file__).parents[2]
@@ -231,6 +233,20 @@ def test_figures_and_numbers_come_from_the_runs_that_are_kept(tmp_path, monkeypa
     picture = Path("docs/results/figures/view.png")
     assert f"]({picture.relative_to('docs')})" in text
     assert picture.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+
+
+def test_the_cloned_expert_stands_beside_the_curves_of_an_evaluation(tmp_path):
+    runs = [tmp_path / str(k) for k in range(2)]
+    for k, run in enumerate(runs):
+        metrics(run / "metrics.csv", {"step": [100.0, 200.0], "evaluation_steps": [90.0, 10.0 + k]})
+        (run / "expert.json").write_text(json.dumps({"reward": 1.0, "steps": 50.0 + 2.0 * k}))
+    drawing = Drawing("curves", "evaluation_steps", "steps", level=51.0, cloning="cloned")
+    rows = table(drawing, {"learned": runs}).splitlines()
+    assert rows[2].startswith("| learned | 10.5 (10 to 11) | 50.2 (50 to 50.5) | 2 |")
+    assert rows[3] == "| cloned | 51 (50 to 52) | 51 (50 to 52) | 2 | never, 0 |"
+    draw(tmp_path / "with.png", drawing, {"learned": runs}, "Beside it")
+    draw(tmp_path / "without.png", replace(drawing, cloning=""), {"learned": runs}, "Beside it")
+    assert (tmp_path / "with.png").read_bytes() != (tmp_path / "without.png").read_bytes()
 
 
 def test_long_labels_stay_within_the_picture(tmp_path):

@@ -1,3 +1,5 @@
+import json
+
 import numpy as np
 from rled_agent.behaviour import Noise
 from rled_agent.peer_behaviour import JumpStart, Proposal
@@ -9,27 +11,47 @@ SILENT = Noise(0.0, np.random.default_rng(0))
 
 
 def jump_start() -> JumpStart:
-    return JumpStart(lambda _: AGENT, lambda _: EXPERT, SILENT, guide_steps=4, guide_until=20)
+    return JumpStart(lambda _: AGENT, lambda _: EXPERT, SILENT, guide_steps=4, stages=2, tolerance=0.1)
 
 
-def guided(behaviour: JumpStart, steps: int) -> str:
-    behaviour.begin()
-    return "".join(behaviour.act(STATE).actor.value[0] for _ in range(steps))
+def episodes(behaviour: JumpStart, returns: list[float]) -> list[str]:
+    """Who acted in five steps of each: e of the expert, a of the agent."""
+    acted = []
+    for each in returns:
+        behaviour.begin()
+        acted.append("".join(behaviour.act(STATE).actor.value[0] for _ in range(5)))
+        behaviour.end(each)
+    return acted
 
 
-def test_the_guide_begins_each_episode_ever_more_briefly():
+def test_the_guide_begins_each_episode_and_is_shorter_in_each_stage():
     behaviour = jump_start()
-    # after k steps the guide has 4 (1 - k/20) steps of an episode: 4 at first, 3 at k = 5, 2 at 10, 1 at 15
-    assert [guided(behaviour, 5) for _ in range(5)] == ["eeeea", "eeeaa", "eeaaa", "eaaaa", "aaaaa"]
+    assert episodes(behaviour, [100.0] * 6) == ["eeeea"] * 5 + ["eeaaa"]
+    # the last five of 100, 75, 75, 75, 75, 150 have 80 on average, too little beside 100, and then 90, which will do
+    assert episodes(behaviour, [75.0] * 4 + [150.0]) == ["eeaaa"] * 5
+    assert episodes(behaviour, [0.0] * 12) == ["aaaaa"] * 12
+
+
+def test_what_lacks_is_a_share_of_negative_returns_too():
+    behaviour = jump_start()
+    assert episodes(behaviour, [-100.0] * 5 + [-112.0] * 6) == ["eeeea"] * 5 + ["eeaaa"] * 6
+    # with one of −105 the last five have −110.6 on average, with two of them −109.2
+    assert episodes(behaviour, [-105.0] * 3) == ["eeaaa"] * 2 + ["aaaaa"]
 
 
 def test_a_jump_start_goes_on_from_its_state():
     one, other = jump_start(), jump_start()
-    guided(one, 7)
-    state = one.state()
-    other.begin()
-    other.restore(state)
-    assert [one.act(STATE).actor for _ in range(30)] == [other.act(STATE).actor for _ in range(30)]
+    assert json.loads(json.dumps(one.state())) == one.state()
+    for results in ([], [100.0] * 7 + [90.0] * 2):
+        episodes(one, results)
+        one.begin()
+        one.act(STATE)
+        other.begin()
+        other.restore(json.loads(json.dumps(one.state())))
+        assert [one.act(STATE).actor for _ in range(6)] == [other.act(STATE).actor for _ in range(6)]
+        one.end(90.0)
+        other.end(90.0)
+        assert episodes(one, [90.0] * 9) == episodes(other, [90.0] * 9)
 
 
 def test_the_critics_choose_between_two_proposals():

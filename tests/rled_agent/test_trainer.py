@@ -36,7 +36,7 @@ SHARED = replace(
     schedule=replace(SCHEDULE, expert_share=0.25),
     learner=replace(DROPPING, cloning_weight=1.0, rate_decay=100.0, target_dropout=True),
 )
-JUMP_START = replace(PLAIN, behaviour=BehaviourConfig(name="jump_start", guide_steps=9, guide_until=200))
+JUMP_START = replace(PLAIN, behaviour=BehaviourConfig(name="jump_start", guide_steps=9, guide_stages=3))
 PROPOSAL = replace(
     PLAIN,
     behaviour=BehaviourConfig(name="proposal"),

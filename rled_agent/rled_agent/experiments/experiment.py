@@ -97,6 +97,7 @@ class Drawing:
         ordered: the variants are steps of one scale, and so are their colours.
         level: of the metric, whose first step is told.
         window: rows of ``metrics.csv`` whose mean is drawn and counted with.
+        cloning: name by which the cloned expert of the first variant stands beside curves of an evaluation.
     """
 
     kind: Kind
@@ -106,6 +107,7 @@ class Drawing:
     ordered: bool = False
     level: float = float("nan")
     window: int = 1
+    cloning: str = ""
 
 
 @dataclass(frozen=True)

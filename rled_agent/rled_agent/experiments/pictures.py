@@ -13,12 +13,12 @@ from rled_msgs_py.pictures import picture
 
 from rled_agent.evaluation import Course
 from rled_agent.experiments.experiment import Drawing, Kind
-from rled_agent.experiments.statistics import common, estimate, read_columns, read_curve
+from rled_agent.experiments.statistics import common, estimate, read_columns, read_curve, read_expert
 
 Folders = Mapping[str, Sequence[Path]]
 """Folders of the runs of each variant, by its label."""
 SHOWN = 8
-LINE, HANDLE, LABEL = 100, 8, 50
+LINE, HANDLE, LABEL = 100, 8, 40
 """Letters across a picture, what the line before a legend's text takes of them, and letters along an axis."""
 
 
@@ -38,6 +38,10 @@ def _draw_curves(axes: Axes, drawing: Drawing, folders: Folders) -> None:
         axes.plot(steps, mean, color=color, label=label, linewidth=1.5)
         low, high = np.maximum(mean - spread, values.min(axis=0)), np.minimum(mean + spread, values.max(axis=0))
         axes.fill_between(steps, low, high, color=color, alpha=0.15, linewidth=0)
+    if drawing.cloning:
+        axes.axhline(
+            float(np.mean(read_experts(drawing, folders))), color="black", linestyle="--", label=drawing.cloning
+        )
     axes.set(xlabel="environment steps", ylabel=fill(drawing.label, LABEL))
     if drawing.log:
         axes.set_yscale("log")
@@ -103,6 +107,11 @@ DRAW: Mapping[Kind, Callable[[Axes, Drawing, Folders], None]] = {
     "paths": _draw_paths,
     "tradeoff": _draw_tradeoff,
 }
+
+
+def read_experts(drawing: Drawing, folders: Folders) -> list[float]:
+    """The metric of the expert of each run of the first variant."""
+    return [read_expert(run / "expert.json", drawing.metric) for run in next(iter(folders.values()))]
 
 
 def read_bands(run: Path) -> dict[str, dict[str, dict[str, Any]]]:

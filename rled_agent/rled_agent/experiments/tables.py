@@ -6,8 +6,8 @@ import numpy as np
 
 from rled_agent.evaluation import Course
 from rled_agent.experiments.experiment import Drawing, Kind
-from rled_agent.experiments.pictures import Folders, read_bands, read_courses
-from rled_agent.experiments.statistics import estimate, read_columns, read_curve
+from rled_agent.experiments.pictures import Folders, read_bands, read_courses, read_experts
+from rled_agent.experiments.statistics import Curve, estimate, read_columns, read_curve
 
 NEAR = 0.15
 """Distance from a target (m) below which a motion is near to it."""
@@ -21,15 +21,21 @@ def table(drawing: Drawing, folders: Folders) -> str:
 
 
 def _curves(drawing: Drawing, folders: Folders) -> tuple[list[str], list[list[str]]]:
-    level = ["", *([f"steps to {drawing.level:g}, by seed"] if np.isfinite(drawing.level) else [])]
-    heads = [drawing.label, "at the end", "over all of training", "seeds", *level[1:]]
-    rows = []
-    for label, runs in folders.items():
-        curves = [read_curve(run / "metrics.csv", drawing.metric).smoothed(drawing.window) for run in runs]
-        row = [label, str(estimate([c.end for c in curves])), str(estimate([c.mean for c in curves])), str(len(runs))]
-        if np.isfinite(drawing.level):
+    groups = {
+        label: [read_curve(run / "metrics.csv", drawing.metric).smoothed(drawing.window) for run in runs]
+        for label, runs in folders.items()
+    }
+    if drawing.cloning:  # it takes no step of the environment
+        groups[drawing.cloning] = [Curve(np.zeros(1), np.array([each])) for each in read_experts(drawing, folders)]
+    heads = [drawing.label, "at the end", "over all of training", "seeds"]
+    rows = [
+        [label, str(estimate([c.end for c in curves])), str(estimate([c.mean for c in curves])), str(len(curves))]
+        for label, curves in groups.items()
+    ]
+    if np.isfinite(drawing.level):
+        heads.append(f"steps to {drawing.level:g}, by seed")
+        for row, curves in zip(rows, groups.values(), strict=True):
             row.append(", ".join(_steps(curve.first_step(drawing.level)) for curve in curves))
-        rows.append(row)
     return heads, rows
 
 
