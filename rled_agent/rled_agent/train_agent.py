@@ -99,10 +99,14 @@ def _open_run(directory: RunDirectory, options: Options, trainer: Trainer) -> No
         if trainer.expertise.source is not None:
             directory.write_expert(trainer.evaluate_source(trainer.expertise.source))
         return
-    before, now = _flat(directory.config()), _flat(_record(options))
-    changed = [name for name, value in now.items() if before.get(name) != value and name != "config.schedule.steps"]
+    began, record = directory.config(), _record(options)
+    before, now = _flat({part: began.get(part, {}) for part in record}), _flat(record)
+    if unshared := sorted(before.keys() ^ now.keys()):
+        what = f"the run in {options.output} was begun by a version with other settings ({', '.join(unshared)})"
+        raise RledError(what, "", "remove it or begin another one")
+    changed = [name for name, value in now.items() if before[name] != value and name != "config.schedule.steps"]
     if changed:
-        was = ", ".join(f"{name} {before.get(name)}" for name in changed)
+        was = ", ".join(f"{name} {before[name]}" for name in changed)
         raise RledError(f"{', '.join(changed)} changed since the run began", was, "or begin a new run")
     trainer.restore(directory.load())
     print(f"continuing at step {trainer.step:,}")

@@ -202,6 +202,16 @@ def test_a_changed_setting_does_not_continue(train, refused, tmp_path, change, w
     assert (tmp_path / "checkpoint.safetensors").read_bytes() == before
 
 
+def test_a_run_of_a_version_with_other_settings_does_not_continue(train, refused, tmp_path) -> None:
+    train(PENDULUM, tmp_path, 50)
+    settings = tmp_path / "config.json"
+    record = json.loads(settings.read_text())
+    record["config"]["behaviour"]["former"] = record["config"]["behaviour"].pop("phi")
+    settings.write_text(json.dumps(record))
+    said = refused(PENDULUM, tmp_path, 100, "--resume")
+    assert "begun by a version with other settings (config.behaviour.former, config.behaviour.phi); remove it" in said
+
+
 def test_a_folder_with_a_run_is_not_overwritten(train, refused, tmp_path) -> None:
     train(PENDULUM, tmp_path, 50)
     assert "holds a run already" in refused(PENDULUM, tmp_path, 50)
