@@ -1,9 +1,10 @@
 """Command: expert and learned policy side by side, on seen and unseen targets."""
 
+import contextlib
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,8 @@ from rled_msgs_py.bags import Bag
 from rled_msgs_py.errors import RledError, command_line
 from rled_msgs_py.files import write_whole
 from rled_msgs_py.task import TaskDescription
+from rled_sim.faults import Faults
+from rled_sim.faulty_env import make_reach
 from rled_sim.kinematics import Chain
 from rled_sim.robots import robot_named
 from rled_sim.tasks import reach_task
@@ -23,6 +26,7 @@ from rled_agent.evaluation import Band, Course, Motion, Score, course, move, sco
 from rled_agent.plots import Floats, draw_tool_paths
 from rled_agent.policy import Policy, load_policy
 from rled_agent.progress import Progress
+from rled_agent.rollout import mean_result, roll_out
 
 DRAWN = 20
 """Motions of a band that are drawn and kept."""
@@ -33,7 +37,7 @@ class Options:
     """Compare policies on demonstrated targets and on others ever farther away.
 
     Writes evaluation.json, motions.json and a picture of the paths in each band into the output folder, and prints a
-    table.
+    table; with episodes, episodes.json and a second table.
     """
 
     bag: Path
@@ -50,26 +54,36 @@ class Options:
     """targets in a band"""
     steps: int = 200
     """most steps to a target"""
+    episodes: int = 0
+    """whole episodes of the task to drive besides, from the marked points, behind the faults"""
+    faults: Faults = field(default_factory=Faults)
+    """on purpose, in the episodes, see sim_node --help"""
     seed: int = 0
-    """of targets and starts"""
+    """of targets, starts and faults"""
 
 
 @command_line
 def main() -> None:
     """Run the command."""
     options = tyro.cli(Options, prog="evaluate_agent")
-    require_ranges(options, {"targets": (1, 100_000), "steps": (1, MANY), "seed": SEEDS})
+    require_ranges(options, {"targets": (1, 100_000), "steps": (1, MANY), "episodes": (0, 100_000), "seed": SEEDS})
     torch.set_num_threads(1)
     if list(options.bands) != sorted(set(options.bands)) or len(options.bands) < 2:
         raise RledError(f"bands {options.bands}", "two or more growing distances in metres")
+    if options.faults.any and not options.episodes:
+        raise RledError("there are faults, and no episodes to have them in", "", "give --episodes 20")
     bag = Bag(options.bag)
     policies = {"expert": load_policy(options.expert)}
     if options.agent is not None:
         policies["agent"] = load_policy(options.agent)
     for name, policy in policies.items():
         bag.task.require_same_robot(policy.task, name)
+    episodes = _drive(bag, policies, options) if options.episodes else {}
     results, motions = _evaluate(bag, policies, options)
     _print_table(results)
+    if episodes:
+        _print_episodes(episodes)
+        write_whole(options.output / "episodes.json", json.dumps(episodes, indent=2) + "\n")
     write_whole(options.output / "motions.json", json.dumps(motions) + "\n")
     plain = {band: {name: _plain(value) for name, value in row.items()} for band, row in results.items()}
     write_whole(options.output / "evaluation.json", json.dumps(plain, indent=2) + "\n")
@@ -98,6 +112,20 @@ def _evaluate(
     return results, courses
 
 
+def _drive(bag: Bag, policies: Mapping[str, Policy], options: Options) -> dict[str, dict[str, float]]:
+    """Mean result of each policy in the same whole episodes."""
+    starts = demonstration_points(bag).joints
+    results: dict[str, dict[str, float]] = {}
+    with (
+        contextlib.closing(make_reach(robot=bag.task.robot, faults=options.faults, start_joints=starts)) as env,
+        Progress("policy", len(policies)) as progress,
+    ):
+        for done, (name, policy) in enumerate(policies.items(), start=1):
+            results[name] = mean_result(roll_out(env, policy.act, options.episodes, options.seed))
+            progress.say(done, {"targets": results[name]["targets_reached"]})
+    return results
+
+
 def _bands(bag: Bag, chain: Chain, options: Options) -> list[Band]:
     generator = np.random.default_rng(options.seed)
     points = demonstration_points(bag)
@@ -124,6 +152,13 @@ def _print_table(results: Mapping[str, Mapping[str, Score]]) -> None:
     for band, row in results.items():
         for name, value in row.items():
             print(f"{band:<16}{name:<8}" + "".join(f"{figure:>14.3g}" for figure in value))
+
+
+def _print_episodes(episodes: Mapping[str, Mapping[str, float]]) -> None:
+    heads = ("return", "steps", "targets", "violations")
+    print(f"\n{'episodes':<24}" + "".join(f"{head:>14}" for head in heads))
+    for name, row in episodes.items():
+        print(f"{name:<24}" + "".join(f"{figure:>14.4g}" for figure in row.values()))
 
 
 if __name__ == "__main__":

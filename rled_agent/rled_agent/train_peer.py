@@ -44,6 +44,10 @@ class Options:
     """steps before the first gradient step"""
     batch_size: int = 100
     """transitions in a gradient step"""
+    gamma: float = 0.99
+    """discount factor γ"""
+    reward_scale: float = 1.0
+    """what rewards are multiplied by before the learner sees them"""
     noise: float = 0.1
     """td3: deviation of the exploration noise, in halves of the action range"""
     evaluate_every: int = 5_000
@@ -55,11 +59,11 @@ class Options:
 
 
 class Scaled(gymnasium.Wrapper[Any, Any, Any, Any]):
-    """An environment whose observations and actions are normalised as train_agent's networks see them."""
+    """An environment whose observations, actions and rewards are scaled as train_agent's networks see them."""
 
-    def __init__(self, env: Environment, scaling: Scaling) -> None:
+    def __init__(self, env: Environment, scaling: Scaling, reward_scale: float = 1.0) -> None:
         super().__init__(env)
-        self._scaling = scaling
+        self._scaling, self._reward_scale = scaling, reward_scale
         sizes = len(scaling.observation_scale), len(scaling.action_scale)
         self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (sizes[0],), np.float32)
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (sizes[1],), np.float32)
@@ -73,7 +77,8 @@ class Scaled(gymnasium.Wrapper[Any, Any, Any, Any]):
         """As of the environment."""
         physical = self._scaling.denormalize_action(np.asarray(action)).astype(np.float32)
         observation, reward, terminated, truncated, info = self.env.step(physical)
-        return self._scaling.normalize_observation(observation), float(reward), terminated, truncated, info
+        paid = self._reward_scale * float(reward)
+        return self._scaling.normalize_observation(observation), paid, terminated, truncated, info
 
 
 @command_line
@@ -89,7 +94,7 @@ def main() -> None:
     if task is None:
         raise RledError(f"env '{options.env}' has no robot that a bag could be of", "an environment of rled")
     scaling = scaling_of_points(task, points.positions, points.joints)
-    model = _make(options, Scaled(env, scaling))
+    model = _make(options, Scaled(env, scaling, options.reward_scale))
     directory = RunDirectory(options.output)
     directory.create({"config": json.loads(json.dumps(asdict(options), default=str))})
     with Progress("step", options.steps) as progress:
@@ -100,6 +105,8 @@ RANGES: dict[str, tuple[float, float]] = {
     "steps": (1, MANY),
     "train_after": (1, MANY),
     "batch_size": (1, 1_000_000),
+    "gamma": (0, 1),
+    "reward_scale": (0, MANY),
     "noise": (0, 10),
     "evaluate_every": (1, MANY),
     "evaluation_episodes": (1, 100_000),
@@ -115,6 +122,7 @@ def _make(options: Options, env: Environment) -> Any:
         raise RledError("stable-baselines3 is not installed", "", "pip install stable-baselines3") from None
     settings: dict[str, Any] = {
         "learning_rate": 1e-3,
+        "gamma": options.gamma,
         "batch_size": options.batch_size,
         "learning_starts": options.train_after,
         "seed": options.seed,

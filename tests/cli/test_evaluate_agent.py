@@ -83,6 +83,37 @@ def test_expert_and_agent_stand_side_by_side(evaluate, planar_expert, idle, caps
     assert last == f"wrote {output}"
 
 
+def test_whole_episodes_stand_below_the_bands(evaluate, planar_expert, idle, capsys) -> None:
+    output = evaluate("--expert", planar_expert, "--agent", idle, "--episodes", 8)
+    results = json.loads((output / "episodes.json").read_text())
+    assert results["expert"]["targets_reached"] == 1.0
+    # a policy that hardly moves is cut short
+    assert results["agent"] | {"reward": 0.0} == {
+        "reward": 0.0,
+        "steps": 100.0,
+        "targets_reached": 0.0,
+        "violations": 0.0,
+    }
+    head, *lines, _ = capsys.readouterr().out.splitlines()[-4:]
+    assert head.split() == ["episodes", "return", "steps", "targets", "violations"]
+    for line, (name, figures) in zip(lines, results.items(), strict=True):
+        said, *rest = line.split()
+        assert said == name
+        np.testing.assert_allclose([float(figure) for figure in rest], list(figures.values()), rtol=1e-3)
+
+
+def test_episodes_are_driven_behind_the_faults(evaluate, planar_expert, tmp_path) -> None:
+    lost, late, same = (
+        json.loads((evaluate("--expert", planar_expert, "--episodes", 8, *options) / "episodes.json").read_text())
+        for options in (["--faults.command-loss", 1], *2 * [["--faults.control-delay", 2]])
+    )
+    # no displacement arrives: the robot stays
+    assert (lost["expert"]["steps"], lost["expert"]["targets_reached"]) == (100.0, 0.0)
+    assert late["expert"]["targets_reached"] > 0.5
+    assert late["expert"]["steps"] > 3.0  # the first one arrives in the third step
+    assert late == same
+
+
 def test_the_same_seed_gives_the_same_results(evaluate, planar_expert, tmp_path) -> None:
     outputs = [
         evaluate("--expert", planar_expert, "--seed", seed, output=tmp_path / name)
@@ -114,6 +145,9 @@ def test_weights_of_another_robot_are_refused(refused, planar_expert, tmp_path) 
         (["--targets", "0"], "targets is 0; accepted: 1 to "),
         (["--steps", "0"], "steps is 0; accepted: 1 to "),
         (["--seed", "-1"], "seed is -1; accepted: 0 to "),
+        (["--episodes", "-1"], "episodes is -1; accepted: 0 to "),
+        (["--faults.control-delay", "2"], "there are faults, and no episodes to have them in; give --episodes"),
+        (["--episodes", "1", "--faults.hidden", "nose"], "hidden is 'nose'; accepted: "),
         (["--bands", "3", "3.00001", "--targets", "1"], "only 0 reachable targets 300-300.001 cm away; accepted: 1"),
         (["--bag", "/nowhere/bag"], "/nowhere/bag does not exist"),
         (["--agent", "/nowhere/policy"], "there is no /nowhere/policy"),

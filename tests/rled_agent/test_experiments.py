@@ -249,6 +249,22 @@ def test_the_cloned_expert_stands_beside_the_curves_of_an_evaluation(tmp_path):
     assert (tmp_path / "with.png").read_bytes() != (tmp_path / "without.png").read_bytes()
 
 
+def test_whole_episodes_are_compared_with_the_experts(tmp_path):
+    for k, steps in enumerate((10.0, 20.0)):
+        figures = {"reward": 1.0, "steps": steps, "targets_reached": 15.0, "violations": 0.5}
+        (tmp_path / str(k)).mkdir()
+        (tmp_path / str(k) / "episodes.json").write_text(
+            json.dumps({"expert": figures | {"steps": 8.0}, "agent": figures})
+        )
+    folders = {"late": [tmp_path / "0", tmp_path / "1"], "in time": [tmp_path / "0"]}
+    drawing = Drawing("episodes", "steps", "steps of an episode")
+    late, in_time = table(drawing, folders).splitlines()[2:]
+    assert late == "| late | 15 (15 to 15) | 15 (10 to 20) | 0.5 (0.5 to 0.5) | 15 (15 to 15) | 8 (8 to 8) | 2 |"
+    assert in_time.startswith("| in time | 15 (15 to 15) | 10 (10 to 10) |")
+    draw(tmp_path / "late.png", drawing, folders, "Late")
+    assert (tmp_path / "late.png").read_bytes()[:4] == b"\x89PNG"
+
+
 def test_long_labels_stay_within_the_picture(tmp_path):
     folders = {}
     for k in range(7):

@@ -10,7 +10,7 @@ from rled_msgs_py.errors import RledError
 
 Verdict = Literal["reproduced", "partly", "not", "answered", "open"]
 """Of a claim; ``answered`` is for a question, ``open`` for what has too few runs yet."""
-Kind = Literal["curves", "cloning", "bands", "paths", "tradeoff"]
+Kind = Literal["curves", "cloning", "bands", "paths", "tradeoff", "episodes"]
 COMMANDS = ("train_expert", "train_agent", "train_peer", "evaluate_agent")
 OTHER_RUN = re.compile(r"\{([^{}/]+)/([^{}/]+)\}")
 
@@ -91,7 +91,7 @@ class Drawing:
 
     Attributes:
         kind: how it is drawn.
-        metric: column of ``metrics.csv`` for curves and trade-offs, band of targets for paths.
+        metric: column of ``metrics.csv`` for curves and trade-offs, figure of an episode, band of targets for paths.
         label: what that is, with its unit.
         log: logarithmic axis.
         ordered: the variants are steps of one scale, and so are their colours.

@@ -13,7 +13,7 @@ from rled_msgs_py.pictures import picture
 
 from rled_agent.evaluation import Course
 from rled_agent.experiments.experiment import Drawing, Kind
-from rled_agent.experiments.statistics import common, estimate, read_columns, read_curve, read_expert
+from rled_agent.experiments.statistics import Estimate, Floats, common, estimate, read_columns, read_curve, read_expert
 
 Folders = Mapping[str, Sequence[Path]]
 """Folders of the runs of each variant, by its label."""
@@ -66,13 +66,32 @@ def _draw_bands(axes: Axes, _: Drawing, folders: Folders) -> None:
         bands = list(evaluations[0])
         for policy in evaluations[0][bands[0]]:
             values = [estimate([each[band][policy]["success"] for each in evaluations]) for band in bands]
-            heights = np.array([each.value for each in values])
-            errors = np.abs(np.array([[each.low, each.high] for each in values]).T - heights)
+            heights, errors = _bars(values)
             named = policy if policy == "expert" else label
             axes.errorbar(range(len(bands)), heights, errors, fmt="o-", capsize=3, label=named)
     axes.set(xlabel="targets", ylabel="share of targets reached", ylim=(-0.02, 1.02))
     axes.set_xticks(range(len(bands)), bands)
     _legend(axes)
+
+
+def _draw_episodes(axes: Axes, drawing: Drawing, folders: Folders) -> None:
+    """A figure of whole episodes of the expert and of the learned policy, one line a variant."""
+    for policy in ("expert", "agent"):
+        values = [estimate([read_episodes(run)[policy][drawing.metric] for run in runs]) for runs in folders.values()]
+        middles, errors = _bars(values)
+        axes.errorbar(middles, range(len(values)), xerr=errors, fmt="o", capsize=3, label=policy)
+    axes.set(xlabel=drawing.label)
+    axes.set_yticks(range(len(folders)), list(folders))
+    axes.invert_yaxis()
+    if drawing.log:
+        axes.set_xscale("log")
+    _legend(axes)
+
+
+def _bars(values: Sequence[Estimate]) -> tuple[Floats, Floats]:
+    """Middles and what their intervals reach below and above them, shape (2, k)."""
+    middles = np.array([each.value for each in values])
+    return middles, np.abs(np.array([[each.low, each.high] for each in values]).T - middles)
 
 
 def _draw_paths(axes: Axes, drawing: Drawing, folders: Folders) -> None:
@@ -106,6 +125,7 @@ DRAW: Mapping[Kind, Callable[[Axes, Drawing, Folders], None]] = {
     "bands": _draw_bands,
     "paths": _draw_paths,
     "tradeoff": _draw_tradeoff,
+    "episodes": _draw_episodes,
 }
 
 
@@ -118,6 +138,12 @@ def read_bands(run: Path) -> dict[str, dict[str, dict[str, Any]]]:
     """What ``evaluate_agent`` found: band, policy, figure."""
     bands: dict[str, dict[str, dict[str, Any]]] = json.loads((run / "evaluation.json").read_text())
     return bands
+
+
+def read_episodes(run: Path) -> dict[str, dict[str, float]]:
+    """What ``evaluate_agent`` found in whole episodes: policy, figure."""
+    episodes: dict[str, dict[str, float]] = json.loads((run / "episodes.json").read_text())
+    return episodes
 
 
 def read_courses(run: Path, band: str) -> dict[str, list[Course]]:

@@ -6,7 +6,7 @@ import numpy as np
 
 from rled_agent.evaluation import Course
 from rled_agent.experiments.experiment import Drawing, Kind
-from rled_agent.experiments.pictures import Folders, read_bands, read_courses, read_experts
+from rled_agent.experiments.pictures import Folders, read_bands, read_courses, read_episodes, read_experts
 from rled_agent.experiments.statistics import Curve, estimate, read_columns, read_curve
 
 NEAR = 0.15
@@ -115,10 +115,27 @@ def _tradeoff(drawing: Drawing, folders: Folders) -> tuple[list[str], list[list[
     return ["means over all of training", *metrics.values(), "seeds"], rows
 
 
+def _episodes(_: Drawing, folders: Folders) -> tuple[list[str], list[list[str]]]:
+    columns = {
+        "targets reached": ("agent", "targets_reached"),
+        "steps": ("agent", "steps"),
+        "violations": ("agent", "violations"),
+        "targets of the expert": ("expert", "targets_reached"),
+        "steps of the expert": ("expert", "steps"),
+    }
+    rows = []
+    for label, runs in folders.items():
+        found = [read_episodes(run) for run in runs]
+        cells = [str(estimate([each[policy][name] for each in found])) for policy, name in columns.values()]
+        rows.append([label, *cells, str(len(runs))])
+    return ["means of an episode", *columns, "seeds"], rows
+
+
 TABLES: Mapping[Kind, Callable[[Drawing, Folders], tuple[list[str], list[list[str]]]]] = {
     "curves": _curves,
     "cloning": _cloning,
     "bands": _bands,
     "paths": _paths,
     "tradeoff": _tradeoff,
+    "episodes": _episodes,
 }
