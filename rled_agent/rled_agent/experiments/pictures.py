@@ -83,8 +83,6 @@ def _draw_episodes(axes: Axes, drawing: Drawing, folders: Folders) -> None:
     axes.set(xlabel=drawing.label)
     axes.set_yticks(range(len(folders)), list(folders))
     axes.invert_yaxis()
-    if drawing.log:
-        axes.set_xscale("log")
     _legend(axes)
 
 
