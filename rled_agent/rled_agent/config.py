@@ -102,7 +102,7 @@ class TrainConfig:
     schedule: ScheduleConfig = field(default_factory=ScheduleConfig)
     learner: LearnerConfig = field(default_factory=LearnerConfig)
     faults: Faults = field(default_factory=Faults)
-    """on purpose, in process, see sim_node --help; over the graph they are those of sim_node"""
+    """on purpose, in process; over the graph they are those of sim_node"""
 
     def __post_init__(self) -> None:
         require_ranges(self, RANGES)

@@ -57,7 +57,7 @@ class Options:
     episodes: int = 0
     """whole episodes of the task to drive besides, from the marked points, behind the faults"""
     faults: Faults = field(default_factory=Faults)
-    """on purpose, in the episodes, see sim_node --help"""
+    """on purpose, in the episodes"""
     seed: int = 0
     """of targets, starts and faults"""
 

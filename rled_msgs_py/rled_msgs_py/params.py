@@ -59,6 +59,13 @@ def parameters_of(params: type[Any]) -> list[Parameter]:
     return [Parameter(each.name, each.default, each.metadata["spec"]) for each in dataclasses.fields(params)]
 
 
+def described(params: type[P]) -> type[P]:
+    """Put the descriptions of a parameter dataclass into its docstring, where ``help`` and other command lines look."""
+    lines = [f"    {each.name}: {each.spec.description}." for each in parameters_of(params)]
+    params.__doc__ = "\n".join([params.__doc__ or "", "", "Attributes:", *lines])
+    return params
+
+
 def build(params: type[P], values: dict[str, Any]) -> P:
     """Make a parameter record of ``values``, each checked; what is left out keeps its default."""
     for each in parameters_of(params):

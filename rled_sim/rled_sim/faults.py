@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rled_msgs_py.errors import ContractError
 from rled_msgs_py.kinds import check_kinds
-from rled_msgs_py.params import param, parameters_of
+from rled_msgs_py.params import described, param, parameters_of
 from rled_msgs_py.records import PoseSample
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import Tick
@@ -31,6 +31,7 @@ def _share(description: str) -> Any:
     return param(0.0, description, low=0.0, high=1.0)
 
 
+@described
 @dataclass(frozen=True)
 class Faults:
     """Which faults there are; the same names are parameters of ``sim_node``."""

@@ -114,6 +114,14 @@ def test_episodes_are_driven_behind_the_faults(evaluate, planar_expert, tmp_path
     assert late == same
 
 
+def test_the_help_says_what_a_fault_is(monkeypatch, capsys) -> None:
+    monkeypatch.setattr(sys, "argv", ["evaluate_agent", "--help"])
+    with pytest.raises(SystemExit):
+        evaluate_agent.main()
+    words = " ".join(capsys.readouterr().out.replace("│", " ").split())
+    assert "--faults.command-loss FLOAT share of displacements that are lost: the robot stays. (default: 0.0)" in words
+
+
 def test_the_same_seed_gives_the_same_results(evaluate, planar_expert, tmp_path) -> None:
     outputs = [
         evaluate("--expert", planar_expert, "--seed", seed, output=tmp_path / name)
