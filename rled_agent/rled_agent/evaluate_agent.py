@@ -15,13 +15,13 @@ from rled_msgs_py.errors import RledError, command_line
 from rled_msgs_py.files import write_whole
 from rled_msgs_py.task import TaskDescription
 from rled_sim.faults import Faults
-from rled_sim.faulty_env import make_reach
 from rled_sim.kinematics import Chain
 from rled_sim.robots import robot_named
 from rled_sim.tasks import reach_task
 
-from rled_agent.config import MANY, SEEDS, require_ranges
+from rled_agent.config import MANY, SEEDS, TrainConfig, require_ranges
 from rled_agent.demonstrations import demonstration_points
+from rled_agent.environments import make_environment
 from rled_agent.evaluation import Band, Course, Motion, Score, course, move, score, seen_band, unseen_band
 from rled_agent.plots import Floats, draw_tool_paths
 from rled_agent.policy import Policy, load_policy
@@ -114,10 +114,10 @@ def _evaluate(
 
 def _drive(bag: Bag, policies: Mapping[str, Policy], options: Options) -> dict[str, dict[str, float]]:
     """Mean result of each policy in the same whole episodes."""
-    starts = demonstration_points(bag).joints
+    config = TrainConfig(env=f"rled/{bag.task.robot.title()}Reach-v0", faults=options.faults)
     results: dict[str, dict[str, float]] = {}
     with (
-        contextlib.closing(make_reach(robot=bag.task.robot, faults=options.faults, start_joints=starts)) as env,
+        contextlib.closing(make_environment(config, demonstration_points(bag).joints)) as env,
         Progress("policy", len(policies)) as progress,
     ):
         for done, (name, policy) in enumerate(policies.items(), start=1):

@@ -13,7 +13,7 @@ import pytest
 from rled_agent.checkpoint import read_checkpoint
 from rled_msgs_py.bags import Bag
 from rled_msgs_py.processes import program
-from rled_msgs_py.records import Level
+from rled_msgs_py.records import Actor, Level
 from rled_msgs_py.topics import JOINT_DELTA, JOINT_STATES
 from std_srvs.srv import SetBool
 
@@ -209,7 +209,10 @@ def test_a_dead_learning_process_is_missed_and_started_again(observer, learner) 
                 subprocess.run(["kill", "-KILL", str(child)], check=True)
         report = observer.wait_report(name, lambda health: "learning process has ended" in health.message)
         assert report.level is Level.ERROR
-        await_motion(observer)
+        # the actor still drives, if only against a joint's limit: its weights are what they were when learning ended
+        last = observer.ticks[-1].stamp
+        observer.wait(lambda: observer.decisions[-1].stamp > last + 10**9, "decisions of a second")
+        assert observer.decisions[-1].actor is Actor.AGENT
         assert observer.call(SetBool, "agent_node/learn", data=True).success
         await_learning(observer)
 
