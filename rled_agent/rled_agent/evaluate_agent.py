@@ -20,7 +20,7 @@ from rled_sim.robots import robot_named
 from rled_sim.tasks import reach_task
 
 from rled_agent.config import MANY, SEEDS, TrainConfig, require_ranges
-from rled_agent.demonstrations import demonstration_points
+from rled_agent.demonstrations import DemonstrationPoints, demonstration_points
 from rled_agent.environments import make_environment
 from rled_agent.evaluation import Band, Course, Motion, Score, course, move, score, seen_band, unseen_band
 from rled_agent.plots import Floats, draw_tool_paths
@@ -78,8 +78,9 @@ def main() -> None:
         policies["agent"] = load_policy(options.agent)
     for name, policy in policies.items():
         bag.task.require_same_robot(policy.task, name)
-    episodes = _drive(bag, policies, options) if options.episodes else {}
-    results, motions = _evaluate(bag, policies, options)
+    points = demonstration_points(bag)
+    episodes = _drive(bag.task.robot, points, policies, options) if options.episodes else {}
+    results, motions = _evaluate(bag, points, policies, options)
     _print_table(results)
     if episodes:
         _print_episodes(episodes)
@@ -91,33 +92,34 @@ def main() -> None:
 
 
 def _evaluate(
-    bag: Bag, policies: Mapping[str, Policy], options: Options
+    bag: Bag, points: DemonstrationPoints, policies: Mapping[str, Policy], options: Options
 ) -> tuple[dict[str, dict[str, Score]], dict[str, dict[str, list[Course]]]]:
     """Scores of each policy in each band, and the course of the motions that are drawn."""
     task = bag.task
     chain = Chain.from_urdf(bag.robot_description, task.tip_link, task.joint_names)
     risky = reach_task(robot_named(task.robot)).risky
-    known = demonstration_points(bag).positions
     results: dict[str, dict[str, Score]] = {}
     courses: dict[str, dict[str, list[Course]]] = {}
-    bands = _bands(bag, chain, options)
+    bands = _bands(bag.task, points, chain, options)
     with Progress("band", len(bands)) as progress:
         for done, band in enumerate(bands, start=1):
             motions = {name: move(task, chain, policy.act, band, options.steps) for name, policy in policies.items()}
             row = {name: score(task, each, risky) for name, each in motions.items()}
-            _draw(options.output / f"paths_{band.name.replace(' ', '_')}.png", band, known, motions, task)
+            _draw(options.output / f"paths_{band.name.replace(' ', '_')}.png", band, points.positions, motions, task)
             progress.say(done, {f"success of {name}": each.success for name, each in row.items()})
             results[band.name] = row
             courses[band.name] = {name: [course(motion) for motion in each[:DRAWN]] for name, each in motions.items()}
     return results, courses
 
 
-def _drive(bag: Bag, policies: Mapping[str, Policy], options: Options) -> dict[str, dict[str, float]]:
+def _drive(
+    robot: str, points: DemonstrationPoints, policies: Mapping[str, Policy], options: Options
+) -> dict[str, dict[str, float]]:
     """Mean result of each policy in the same whole episodes."""
-    config = TrainConfig(env=f"rled/{bag.task.robot.title()}Reach-v0", faults=options.faults)
+    config = TrainConfig(env=f"rled/{robot.title()}Reach-v0", faults=options.faults)
     results: dict[str, dict[str, float]] = {}
     with (
-        contextlib.closing(make_environment(config, demonstration_points(bag).joints)) as env,
+        contextlib.closing(make_environment(config, points.joints)) as env,
         Progress("policy", len(policies)) as progress,
     ):
         for done, (name, policy) in enumerate(policies.items(), start=1):
@@ -126,11 +128,10 @@ def _drive(bag: Bag, policies: Mapping[str, Policy], options: Options) -> dict[s
     return results
 
 
-def _bands(bag: Bag, chain: Chain, options: Options) -> list[Band]:
+def _bands(task: TaskDescription, points: DemonstrationPoints, chain: Chain, options: Options) -> list[Band]:
     generator = np.random.default_rng(options.seed)
-    points = demonstration_points(bag)
     bounds = list(zip(options.bands, options.bands[1:], strict=False))
-    unseen = [unseen_band(bag.task, chain, points, each, options.targets, generator) for each in bounds]
+    unseen = [unseen_band(task, chain, points, each, options.targets, generator) for each in bounds]
     return [seen_band(points, options.targets, generator), *unseen]
 
 

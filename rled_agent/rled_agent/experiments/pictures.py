@@ -13,7 +13,7 @@ from rled_msgs_py.pictures import picture
 
 from rled_agent.evaluation import Course
 from rled_agent.experiments.experiment import Drawing, Kind
-from rled_agent.experiments.statistics import Estimate, Floats, common, estimate, read_columns, read_curve, read_expert
+from rled_agent.experiments.statistics import Estimate, Floats, common, estimate, read_columns, read_curve
 
 Folders = Mapping[str, Sequence[Path]]
 """Folders of the runs of each variant, by its label."""
@@ -128,8 +128,9 @@ DRAW: Mapping[Kind, Callable[[Axes, Drawing, Folders], None]] = {
 
 
 def read_experts(drawing: Drawing, folders: Folders) -> list[float]:
-    """The metric of the expert of each run of the first variant."""
-    return [read_expert(run / "expert.json", drawing.metric) for run in next(iter(folders.values()))]
+    """What the cloned expert of each run of the first variant came to, by the actor's metric."""
+    name = drawing.metric.removeprefix("evaluation_")
+    return [float(json.loads((run / "expert.json").read_text())[name]) for run in next(iter(folders.values()))]
 
 
 def read_bands(run: Path) -> dict[str, dict[str, dict[str, Any]]]:

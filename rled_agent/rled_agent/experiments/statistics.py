@@ -1,7 +1,6 @@
 """Figures of runs that differ in their seed only."""
 
 import csv
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -74,12 +73,6 @@ def read_curve(path: Path, metric: str) -> Curve:
     columns = read_columns(path)
     measured = np.isfinite(columns[metric])
     return Curve(columns["step"][measured], columns[metric][measured])
-
-
-def read_expert(path: Path, metric: str) -> float:
-    """What the cloned expert came to, in ``expert.json``, by the name that the metric has for the actor."""
-    figures: dict[str, float] = json.loads(path.read_text())
-    return figures[metric.removeprefix("evaluation_")]
 
 
 def estimate(values: Sequence[float]) -> Estimate:
