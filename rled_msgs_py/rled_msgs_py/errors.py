@@ -1,6 +1,8 @@
 """Errors a person can act on, and how a command line ends on one."""
 
 import functools
+import os
+import select
 import sys
 from collections.abc import Callable
 
@@ -28,13 +30,20 @@ class ContractError(RledError):
 
 
 def command_line(main: Callable[[], None]) -> Callable[[], None]:
-    """Wrap a command's ``main``: a user's mistake or a full disk prints one line and exits with 2, Ctrl-C with 130."""
+    """Wrap a command's ``main``: a user's mistake or a full disk prints one line and exits with 2, Ctrl-C with 130.
+
+    Where nobody reads the output any more, as behind ``| head``, it ends without a word and with 141, as ``SIGPIPE``
+    ends other programs.
+    """
 
     @functools.wraps(main)
     def wrapped() -> None:
         try:
             main()
+            sys.stdout.flush()
         except (RledError, OSError) as error:
+            if isinstance(error, BrokenPipeError) and _nobody_reads():
+                sys.exit(141)
             print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
             sys.exit(2)
         except KeyboardInterrupt:
@@ -42,3 +51,13 @@ def command_line(main: Callable[[], None]) -> Callable[[], None]:
             sys.exit(130)
 
     return wrapped
+
+
+def _nobody_reads() -> bool:
+    """Whether standard output is the pipe that broke; what is still to be written to it is dropped then."""
+    poll = select.poll()
+    poll.register(sys.stdout, 0)
+    gone = any(event & select.POLLERR for _, event in poll.poll(0))
+    if gone:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return gone

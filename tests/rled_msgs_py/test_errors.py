@@ -1,6 +1,8 @@
 """An error of a user is one line."""
 
 import pickle
+import subprocess
+import sys
 
 import pytest
 from rled_msgs_py.errors import ContractError, RledError, command_line
@@ -42,3 +44,42 @@ def test_interrupt_ends_a_command_with_130(capsys):
 def test_a_programmers_mistake_keeps_its_traceback():
     with pytest.raises(ZeroDivisionError):
         raising(ZeroDivisionError())()
+
+
+TALKATIVE = """
+from rled_msgs_py.errors import command_line
+
+@command_line
+def main():
+    while True:
+        print("a line")
+
+main()
+"""
+BROKEN_ELSEWHERE = """
+import os
+from rled_msgs_py.errors import command_line
+
+@command_line
+def main():
+    print("said before")
+    reader, writer = os.pipe()
+    os.close(reader)
+    os.write(writer, b"x")
+
+main()
+"""
+
+
+def test_a_command_whose_output_nobody_reads_any_more_ends_quietly():
+    with subprocess.Popen([sys.executable, "-c", TALKATIVE], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as command:
+        command.stdout.readline()
+        command.stdout.close()
+        assert command.stderr.read() == b""
+        assert command.wait(10) == 141
+
+
+def test_another_pipe_that_breaks_is_still_an_error():
+    command = subprocess.run([sys.executable, "-c", BROKEN_ELSEWHERE], capture_output=True, text=True, timeout=10)
+    assert (command.returncode, command.stdout) == (2, "said before\n")
+    assert "Broken pipe" in command.stderr
