@@ -265,6 +265,23 @@ def test_whole_episodes_are_compared_with_the_experts(tmp_path):
     assert (tmp_path / "late.png").read_bytes()[:4] == b"\x89PNG"
 
 
+def test_experts_of_several_variants_are_told_apart(tmp_path):
+    for variant, success in (("few", 0.25), ("many", 1.0)):
+        figures = {"success": success, "steps": 4.0, "path_length": None, "jerk": 100.0}
+        bands = {band: {"expert": figures, "agent": figures | {"steps": 3.0}} for band in ("seen", "unseen")}
+        (tmp_path / variant).mkdir()
+        (tmp_path / variant / "evaluation.json").write_text(json.dumps(bands))
+    few, many = {"few": [tmp_path / "few"]}, {"many": [tmp_path / "many"]}
+    rows = table(Drawing("bands"), few | many).splitlines()[2:]
+    assert rows[0] == "| seen | few, expert | 0.25 (0.25 to 0.25) | 4 (4 to 4) | none | 100 (100 to 100) | 1 |"
+    assert [row.split(" | ")[:2] for row in rows[1:5]] == [
+        *(["| seen", "few"], ["| seen", "many, expert"], ["| seen", "many"], ["| unseen", "few, expert"]),
+    ]
+    assert table(Drawing("bands"), few).splitlines()[2].startswith("| seen | expert | 0.25")
+    draw(tmp_path / "bands.png", Drawing("bands"), few | many, "Bands")
+    assert (tmp_path / "bands.png").read_bytes()[:4] == b"\x89PNG"
+
+
 def test_long_labels_stay_within_the_picture(tmp_path):
     folders = {}
     for k in range(7):

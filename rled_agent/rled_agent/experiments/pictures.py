@@ -61,14 +61,14 @@ def _draw_cloning(axes: Axes, _: Drawing, folders: Folders) -> None:
 
 def _draw_bands(axes: Axes, _: Drawing, folders: Folders) -> None:
     """Success of each policy by distance from the demonstrated points."""
-    for label, runs in folders.items():
+    for color, (label, runs) in zip(_colors(len(folders)), folders.items(), strict=True):
         evaluations = [read_bands(run) for run in runs]
         bands = list(evaluations[0])
         for policy in evaluations[0][bands[0]]:
             values = [estimate([each[band][policy]["success"] for each in evaluations]) for band in bands]
             heights, errors = _bars(values)
-            named = policy if policy == "expert" else label
-            axes.errorbar(range(len(bands)), heights, errors, fmt="o-", capsize=3, label=named)
+            style, named = "o--" if policy == "expert" else "o-", policy_name(policy, label, folders)
+            axes.errorbar(range(len(bands)), heights, errors, fmt=style, color=color, capsize=3, label=named)
     axes.set(xlabel="targets", ylabel="share of targets reached", ylim=(-0.02, 1.02))
     axes.set_xticks(range(len(bands)), bands)
     _legend(axes)
@@ -97,7 +97,7 @@ def _draw_paths(axes: Axes, drawing: Drawing, folders: Folders) -> None:
     for label, runs in folders.items():
         for k, (policy, courses) in enumerate(read_courses(runs[0], drawing.metric).items()):
             for j, each in enumerate(courses[:SHOWN]):
-                named = (policy if policy == "expert" else label) if j == 0 else None
+                named = policy_name(policy, label, folders) if j == 0 else None
                 axes.plot(each.distance, ".-", color=f"C{k}", linewidth=1.0, markersize=4, alpha=0.7, label=named)
     axes.set(xlabel="step", ylabel="distance from the target (m)", ylim=(0.0, None))
     _legend(axes)
@@ -125,6 +125,13 @@ DRAW: Mapping[Kind, Callable[[Axes, Drawing, Folders], None]] = {
     "tradeoff": _draw_tradeoff,
     "episodes": _draw_episodes,
 }
+
+
+def policy_name(policy: str, variant: str, folders: Folders) -> str:
+    """What a policy of a variant is called in legends and tables."""
+    if policy != "expert":
+        return variant
+    return policy if len(folders) == 1 else f"{variant}, {policy}"
 
 
 def read_experts(drawing: Drawing, folders: Folders) -> list[float]:

@@ -6,7 +6,7 @@ import numpy as np
 
 from rled_agent.evaluation import Course
 from rled_agent.experiments.experiment import Drawing, Kind
-from rled_agent.experiments.pictures import Folders, read_bands, read_courses, read_episodes, read_experts
+from rled_agent.experiments.pictures import Folders, policy_name, read_bands, read_courses, read_episodes, read_experts
 from rled_agent.experiments.statistics import Curve, estimate, read_columns, read_curve
 
 NEAR = 0.15
@@ -61,7 +61,7 @@ def _bands(_: Drawing, folders: Folders) -> tuple[list[str], list[list[str]]]:
             for policy in policies:
                 figures = [_present(each[band][policy][name] for each in found) for name in SHOWN]
                 cells = [str(estimate(values)) if values else "none" for values in figures]
-                rows.append([band, policy if policy == "expert" else label, *cells, str(len(runs))])
+                rows.append([band, policy_name(policy, label, folders), *cells, str(len(runs))])
     return ["targets", "policy", *SHOWN.values(), "seeds"], sorted(rows, key=lambda row: _rank(row[0], folders))
 
 
@@ -88,9 +88,8 @@ def _paths(drawing: Drawing, folders: Folders) -> tuple[list[str], list[list[str
         found = [read_courses(run, drawing.metric) for run in runs]
         for policy in found[0]:
             near, far = zip(*(_changes(each[policy]) for each in found), strict=True)
-            rows.append(
-                [policy if policy == "expert" else label, str(estimate(far)), str(estimate(near)), str(len(runs))]
-            )
+            name = policy_name(policy, label, folders)
+            rows.append([name, str(estimate(far)), str(estimate(near)), str(len(runs))])
     heads = ["policy", f"change of Δq in a step (mrad), farther than {100 * NEAR:g} cm", "nearer", "seeds"]
     return heads, rows
 
