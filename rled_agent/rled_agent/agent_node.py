@@ -147,7 +147,9 @@ class AgentNode(Node):
 
     def _on_life(self, simulations: int) -> None:
         self._report.living(simulations)
-        if not simulations:
+        if simulations:
+            self.get_logger().info("a simulation is there; " + _doing(self._enabled))
+        else:
             self.get_logger().warning("the simulation is gone; waiting for it")
         self._say_health()
 
@@ -223,7 +225,7 @@ class AgentNode(Node):
     def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._enabled = request.data
         self._decide()  # in lockstep the simulation still waits for this answer
-        return _say(response, True, "answers states" if request.data else "silent: the robot holds")
+        return _say(response, True, _doing(request.data))
 
     def _on_estop(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         if self._arbiter is None:
@@ -256,6 +258,10 @@ class AgentNode(Node):
         """End the learning process, which saves its state, with the node."""
         self._learning.close()
         super().destroy_node()
+
+
+def _doing(enabled: bool) -> str:
+    return "answers states" if enabled else "silent: the robot holds"
 
 
 def _say(response: Any, success: bool, message: str) -> Any:

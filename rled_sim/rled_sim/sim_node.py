@@ -40,6 +40,10 @@ from rled_sim.sim_params import SimParams, simulation_of
 
 SOON = 100_000_000
 """A refusal is reported at once, unless a report went out this short a while ago (ns)."""
+PACES = {
+    "lockstep": "in lockstep: each tick waits for its answer on joint_delta",
+    "real_time": "in real time: a tick every {:g} ms",
+}
 
 
 class SimNode(Node):
@@ -74,6 +78,7 @@ class SimNode(Node):
         )
         for topic, take in takers:
             subscribe(self, topic, take, partial(self._on_unreadable, topic))
+        self.get_logger().info(f"{params.robot} is there, {PACES[params.mode].format(1e3 * params.period)}")
 
     def _advertise_state(self, topic: Topic, params: SimParams) -> Any:
         if topic is JOINT_STATES and params.mode == "real_time":

@@ -134,6 +134,7 @@ class Recorder(Node):
             if not self._episodes.running:
                 self._after = each.stamp - 1
                 self._tell(self._episodes.start(each.stamp))
+        self.get_logger().info(f"recording into {self.params.output}; Ctrl-C completes the bag")
 
     def _belongs(self, topic: Topic, stamp: int) -> bool:
         """Whether a message is of an episode: episodes begin and end between two ticks."""

@@ -22,6 +22,11 @@ from .team import actor_like
 
 PACKAGES = {"sim_node": "rled_sim", "agent_node": "rled_agent", "record_demos": "rled_teleop"}
 REPORTS = {"sim_node": "sim: driver", "agent_node": "agent_node: policy", "record_demos": "record_demos: bag"}
+SAID = {
+    "sim_node": "planar is there, in real time: a tick every 20 ms",
+    "agent_node": "a simulation is there; answers states",
+    "record_demos": "bag; Ctrl-C completes the bag",
+}
 PATIENCE = 60.0
 ENDLESS = ("--robot", "planar", "--discovery-wait", "0.2", "--targets-per-episode", "0", "--max-steps", "0")
 REAL_TIME = (*ENDLESS, "--mode", "real_time")
@@ -136,10 +141,12 @@ def test_nodes_start_in_any_order(observer, planar_expert: Path, tmp_path: Path,
             started[name] = stack.enter_context(running(name, *options[name]))
             await_report(observer, name)
         observer.wait(lambda: "record_demos" in listeners(observer), "the recorder's ear")
+        observer.wait_report(REPORTS["agent_node"], lambda health: health.message == "driving")
         observer.wait_ticks(100)
         for name in reversed(order):
             started[name].end(signal.SIGINT)
             assert started[name].process.returncode == 0
+            assert SAID[name] in started[name].process.stderr.read()
     bag = Bag(tmp_path / "bag")
     assert min(bag.counts[topic.name] for topic in (JOINT_STATES, JOINT_DELTA)) > 0
 
