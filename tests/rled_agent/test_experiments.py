@@ -1,5 +1,6 @@
 import json
 import re
+import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 from rled_agent.experiments.draw_figures import main as draw_figures
-from rled_agent.experiments.execution import execute, is_done, keep
+from rled_agent.experiments.execution import Stopped, execute, is_done, keep
 from rled_agent.experiments.experiment import Drawing, ExperimentError, Library, Run, RunName
 from rled_agent.experiments.pictures import draw
 from rled_agent.experiments.reproduce import EXPERIMENTS, KEPT
@@ -152,6 +153,42 @@ def test_a_run_is_done_once_and_anew_when_its_command_has_changed(tmp_path, plan
     keep(folder, tmp_path / "kept")
     assert {path.name for path in (tmp_path / "kept").iterdir()} == {"curve.csv", "run.json", "summary.json"}
     assert json.loads((tmp_path / "kept" / "run.json").read_text())["command"] == list(command)
+
+
+def test_a_run_that_was_broken_off_goes_on_unless_its_command_has_changed(tmp_path):
+    def pendulum(steps: int) -> Run:
+        return Run(RunName("e", "v", 0), ("train_agent", "pendulum", "--schedule.steps", str(steps)))
+
+    def rows() -> list[list[str]]:
+        return [line.split(",") for line in metrics_file.read_text().splitlines()[1:]] if metrics_file.exists() else []
+
+    stop, metrics_file = Event(), tmp_path / "e" / "v" / "seed-0" / "metrics.csv"
+    with ThreadPoolExecutor(1) as pool:
+        broken = pool.submit(execute, pendulum(100_000), tmp_path, stop)
+        deadline = time.monotonic() + 60.0
+        while len(rows()) < 2:
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        stop.set()
+        with pytest.raises(Stopped):
+            broken.result()
+    assert not is_done(tmp_path, pendulum(100_000))
+    came_to = rows()
+    with ThreadPoolExecutor(1) as pool:
+        stop.clear()
+        broken = pool.submit(execute, pendulum(100_000), tmp_path, stop)
+        while len(rows()) <= len(came_to):
+            assert not broken.done()
+            time.sleep(0.05)
+        assert rows()[: len(came_to)] == came_to
+        stop.set()
+        with pytest.raises(Stopped):
+            broken.result()
+    anew = pendulum(1000)
+    execute(anew, tmp_path, Event())
+    assert is_done(tmp_path, anew)
+    assert json.loads((tmp_path / anew.name.folder / "run.json").read_text())["resumed"] is False
+    assert float(rows()[-1][0]) == 1000.0
 
 
 def test_a_failed_run_says_why_and_is_not_done(tmp_path):

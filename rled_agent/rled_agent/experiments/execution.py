@@ -2,6 +2,7 @@
 
 import json
 import platform
+import shlex
 import shutil
 import sys
 import time
@@ -15,7 +16,7 @@ from rled_msgs_py.processes import POLL, Children
 
 from rled_agent.experiments.experiment import Run, RunName
 
-RECORD = "run.json"
+RECORD, BEGUN = "run.json", "command.txt"
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "CUDA_VISIBLE_DEVICES": ""}
 RESUMES = "train_agent"
 
@@ -25,7 +26,7 @@ class Stopped(RledError):
 
 
 def execute(run: Run, root: Path, stop: Event) -> Path:
-    """Make a run, or go on with one that was broken off, on one thread.
+    """Make a run, or go on with one of the same command that was broken off, on one thread.
 
     Args:
         run: what to do; what it needs is there.
@@ -40,9 +41,10 @@ def execute(run: Run, root: Path, stop: Event) -> Path:
         RledError: the command failed; its last lines are in the message.
     """
     folder = root / run.name.folder
-    resuming = run.command[0] == RESUMES and (folder / "checkpoint.safetensors").is_file()
+    resuming = _can_go_on(folder, run)
     if not resuming:
         shutil.rmtree(folder, ignore_errors=True)
+        write_whole(folder / BEGUN, shlex.join(run.command))
     program, *options = run.arguments(root)
     command = [sys.executable, "-m", f"rled_agent.{program}", *options, *(["--resume"] if resuming else [])]
     begun = time.monotonic()
@@ -61,6 +63,13 @@ def execute(run: Run, root: Path, stop: Event) -> Path:
     }
     write_whole(folder / RECORD, json.dumps(record, indent=2) + "\n")
     return folder
+
+
+def _can_go_on(folder: Path, run: Run) -> bool:
+    begun = folder / BEGUN
+    if run.command[0] != RESUMES or not (folder / "checkpoint.safetensors").is_file() or not begun.is_file():
+        return False
+    return begun.read_text() == shlex.join(run.command)
 
 
 def record_of(root: Path, name: RunName) -> dict[str, Any] | None:
