@@ -74,7 +74,8 @@ def _clone(folder: Path, steps: int, options: Options) -> None:
 def _drive(folder: Path, options: Options) -> None:
     with Children() as children:
         children.start(_simulation("panda", folder, options))
-        watch = _typed("rled_agent", "watch_episodes", "--episodes", options.episodes, "--output", folder / "drive")
+        watch = _typed("rled_agent", "watch_episodes", "--episodes", options.episodes, "--seed", options.seed,
+                       "--output", folder / "drive")  # fmt: skip
         watching = children.start(watch, capture=False)
         children.start(_typed("rled_agent", "agent_node", "--expert", folder / "expert/expert.safetensors"))
         children.wait(watching)

@@ -11,10 +11,8 @@ from typing import Any
 import gymnasium
 import numpy as np
 from numpy.typing import NDArray
-from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 from rled_msgs_py.command_output import CommandOutput
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.node import fresh_context, subscribe, subscribe_ticks
@@ -22,7 +20,8 @@ from rled_msgs_py.records import DeltaCommand, Text
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import Tick
 from rled_msgs_py.topics import TASK_DESCRIPTION
-from std_srvs.srv import Trigger
+
+from rled_agent.restart import Restart
 
 Floats = NDArray[np.float32]
 REMEDY = "is sim_node running, in this ROS_DOMAIN_ID, with --mode lockstep?"
@@ -52,8 +51,7 @@ class GraphEnv(gymnasium.Env[Floats, Floats]):
         subscribe(self._node, TASK_DESCRIPTION, self._on_task)
         subscribe_ticks(self._node, self._ticks.append)
         self._delta = CommandOutput(self._node)
-        self._reset = self._node.create_client(Trigger, f"{simulation}/reset")
-        self._parameters = self._node.create_client(SetParameters, f"{simulation}/set_parameters")
+        self._restart = Restart(self._node, self._wait, simulation)
         try:
             self._wait(lambda: bool(self._tasks) and self._delta.publisher.get_subscription_count() > 0, "a simulation")
         except RledError:
@@ -71,15 +69,7 @@ class GraphEnv(gymnasium.Env[Floats, Floats]):
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Floats, dict[str, Any]]:
         """Begin an episode; a seed begins the simulation's random draws anew."""
         super().reset(seed=seed)
-        if seed is not None:
-            wanted = Parameter("seed", value=seed).to_parameter_msg()
-            for result in self._call(self._parameters, SetParameters.Request(parameters=[wanted])).results:
-                if not result.successful:
-                    raise RledError(f"the simulation refused seed {seed}: {result.reason}")
-        answer = self._call(self._reset, Trigger.Request())
-        if not answer.success:
-            raise RledError(f"the simulation refused a reset: {answer.message}")
-        begins = int(answer.message.split()[-2])
+        begins = self._restart.begin(seed)
         tick = self._next(lambda tick: tick.stamp >= begins)
         return self._seen(tick)
 
@@ -126,12 +116,6 @@ class GraphEnv(gymnasium.Env[Floats, Floats]):
             tick = self._ticks.popleft()
             if wanted(tick):
                 return tick
-
-    def _call(self, client: Any, request: Any) -> Any:
-        self._wait(client.service_is_ready, f"service {client.srv_name}")
-        future = client.call_async(request)
-        self._wait(future.done, f"an answer of {client.srv_name}")
-        return future.result()
 
     def _wait(self, done: Any, what: str) -> None:
         deadline = time.monotonic() + self._timeout

@@ -2,16 +2,20 @@
 
 import json
 import time
+from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 import numpy as np
 import rclpy
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.files import write_whole
-from rled_msgs_py.node import declare, run_node, subscribe, subscribe_ticks
+from rled_msgs_py.node import declare, run_node, spin, spin_until, subscribe, subscribe_ticks
 from rled_msgs_py.params import param
 from rled_msgs_py.records import Text
 from rled_msgs_py.task import TaskDescription
@@ -21,6 +25,7 @@ from rled_msgs_py.topics import TASK_DESCRIPTION
 from rled_agent.episodes import Episode, EpisodeLog
 from rled_agent.plots import draw_tool_paths
 from rled_agent.progress import Progress
+from rled_agent.restart import Restart
 
 WAIT = 30.0
 """Seconds without a tick after which watching gives up."""
@@ -31,6 +36,13 @@ class WatchParams:
     """Parameters of the command."""
 
     episodes: int = param(20, "whole episodes to watch", low=1, high=1_000_000, read_only=True)
+    seed: int = param(
+        -1,
+        "episodes of this seed, from their begin: the simulation is seeded and reset; -1: those that come",
+        low=-1,
+        high=2**63 - 1,
+        read_only=True,
+    )
     output: str = param("out/drive", "folder for episodes.json and paths.png", read_only=True)
 
 
@@ -43,6 +55,9 @@ class WatchEpisodes(Node):
         self._output = Path(params.output)
         self._log = EpisodeLog(params.episodes)
         self._task: TaskDescription | None = None
+        self._ticks: deque[Tick] = deque()
+        self._seed = params.seed
+        self._begins = 0 if params.seed < 0 else None
         self._heard = time.monotonic()
         self._progress = Progress("episode", params.episodes)
         subscribe(self, TASK_DESCRIPTION, self._on_task)
@@ -51,26 +66,46 @@ class WatchEpisodes(Node):
 
     def _on_task(self, text: Text) -> None:
         self._task = TaskDescription.from_json(text.data)
+        self._finish_when_complete()
+
+    def begin(self, restart: Restart) -> None:
+        """Begin with the episodes of the seed, if one is wanted."""
+        if self._seed >= 0:
+            self._begins = restart.begin(self._seed)
+            self._count()
 
     def _on_tick(self, tick: Tick) -> None:
         if self._log.full:
             return
         self._heard = time.monotonic()
+        self._ticks.append(tick)
+        self._count()
+
+    def _count(self) -> None:
+        while self._begins is not None and self._ticks and not self._log.full:
+            tick = self._ticks.popleft()
+            if tick.stamp >= self._begins:
+                self._begins = 0  # a simulation that is started again begins there
+                self._take(tick)
+
+    def _take(self, tick: Tick) -> None:
         if self._log.add(tick):
             reached = np.mean([each.targets_reached for each in self._log.finished])
             self._progress.say(len(self._log.finished), {"targets": float(reached)})
-        if self._log.full and self._task is not None:
-            self._finish(self._task)
+        self._finish_when_complete()
 
     def _check(self) -> None:
         if time.monotonic() - self._heard > WAIT:
             raise RledError(f"no tick for {WAIT:.0f} s", "", "are sim_node and an agent or operator running?")
 
-    def _finish(self, task: TaskDescription) -> None:
+    def _finish_when_complete(self) -> None:
+        """The description of the task may come after the last tick."""
+        if not self._log.full or self._task is None:
+            return
         self._progress.close()
         summary = summarize(self._log.finished)
         write_whole(self._output / "episodes.json", json.dumps(summary, indent=2) + "\n")
-        _draw(self._output / "paths.png", self._log.finished, task)
+        _draw(self._output / "paths.png", self._log.finished, self._task)
         print(
             f"{summary['episodes']} episodes: {summary['targets_reached']:.2f} targets reached, "
             f"{summary['steps']:.1f} steps, {summary['violations']:.2f} violations each; wrote {self._output}"
@@ -98,9 +133,22 @@ def _draw(path: Path, episodes: list[Episode], task: TaskDescription) -> None:
     draw_tool_paths(path, ("targets of all episodes", targets), goals, paths, plane, task.tolerance**0.5, title)
 
 
+def _watch(node: WatchEpisodes, stop: Event) -> None:
+    executor = SingleThreadedExecutor(context=node.context)
+    executor.add_node(node)
+
+    def wait(done: Callable[[], bool], what: str) -> None:
+        spin_until(executor, lambda: stop.is_set() or done(), WAIT, what)
+        if stop.is_set():
+            raise KeyboardInterrupt
+
+    node.begin(Restart(node, wait))
+    spin(node, stop, executor)
+
+
 def main() -> None:
     """Run the command."""
-    run_node(WatchEpisodes, WatchParams, "watch_episodes", "Watch a running graph and report its episodes.")
+    run_node(WatchEpisodes, WatchParams, "watch_episodes", "Watch a running graph and report its episodes.", _watch)
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ from pathlib import Path
 import rled_agent
 
 PACKAGE = Path(rled_agent.__file__).parent
-NODES = {"agent_node", "graph_env", "live_demonstrations", "watch_episodes"}
+NODES = {"agent_node", "graph_env", "live_demonstrations", "restart", "watch_episodes"}
 ROS = {"rclpy", "std_srvs", "std_msgs", "rcl_interfaces", "sensor_msgs", "geometry_msgs", "diagnostic_msgs"}
 CORE = sorted(each.stem for each in PACKAGE.glob("*.py") if each.stem not in NODES | {"__init__"})
 
