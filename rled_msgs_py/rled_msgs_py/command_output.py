@@ -29,6 +29,7 @@ class CommandOutput:
     def __init__(self, node: Node, topic: Topic = JOINT_DELTA) -> None:
         self._topic = topic
         self._waiting: bytes | None = None
+        self._told = 0  # readers that were matched when it was published
         matched = PublisherEventCallbacks(matched=self._on_matched)
         kind, qos = MESSAGE_CLASSES[topic.type], qos_profile(replace(topic.qos, depth=HISTORY))
         self.publisher = node.create_publisher(kind, topic.name, qos, event_callbacks=matched)
@@ -36,6 +37,7 @@ class CommandOutput:
     def publish(self, command: DeltaCommand) -> None:
         """Publish a command, which then waits for its tick."""
         self._waiting = encode(self._topic, command)
+        self._told = self.publisher.get_subscription_count()
         self.publisher.publish(self._waiting)
 
     def withdraw(self) -> None:
@@ -43,5 +45,6 @@ class CommandOutput:
         self._waiting = None
 
     def _on_matched(self, change: Any) -> None:
-        if change.current_count_change > 0 and self._waiting is not None:
+        if self._waiting is not None and change.current_count > self._told:
+            self._told = change.current_count
             self.publisher.publish(self._waiting)

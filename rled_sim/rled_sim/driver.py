@@ -76,6 +76,7 @@ class Driver:
         self.line.seed(seed)
         self._pending: list[float] | None = None
         self._answered = -1
+        self._last: tuple[int, list[float]] | None = None
         self._still = [0.0] * simulation.task.description.action_size
 
     def begin(self) -> None:
@@ -102,12 +103,17 @@ class Driver:
     def command(self, command: DeltaCommand) -> None:
         """Take a command; in lockstep this steps.
 
+        The command taken last changes nothing when it comes again: who answers says it once more to each late listener.
+
         Raises:
             Refused: it is not taken; in lockstep the driver goes on waiting.
         """
         delta = displacement(command, self._simulation.task.description)
+        if (command.stamp, delta) == self._last:
+            return
         self._require_moving()
         self._require_fresh(command.stamp)
+        self._last = command.stamp, delta
         self._answered, self._pending = command.stamp, delta
         self._taken()
         if self.rules.mode == "lockstep" and not self.paused:
@@ -143,7 +149,7 @@ class Driver:
         lockstep gives a hold as a new tick to answer, since nobody will answer the old one again.
         """
         released = self.stopped and not on
-        self.stopped, self._pending = on, None
+        self.stopped, self._pending, self._last = on, None, None
         if on:
             self._simulation.world.halt()
             self.line.halt()

@@ -73,7 +73,7 @@ REFUSED = {
     "a stamp with 2 s of nanoseconds": (stamped(0, 2_000_000_000), Code.UNREADABLE),
     "a displacement larger than Δq_max": (changed(position=[0.101, 0.0]), Code.TOO_LARGE),
     "a displacement of 1e308 rad": (changed(position=[0.0, 1e308]), Code.TOO_LARGE),
-    "an answer to an older state": (lambda plant: plant.command((0.01, 0.01), plant.tick.stamp - PERIOD), Code.STALE),
+    "an answer to an older state": (lambda plant: plant.command((0.02, 0.0), plant.tick.stamp - PERIOD), Code.STALE),
     "an answer to a state yet to come": (
         lambda plant: plant.command((0.01, 0.01), plant.tick.stamp + PERIOD),
         Code.FUTURE,
@@ -90,6 +90,24 @@ def test_a_bad_command_is_refused_and_the_simulation_waits_on(plant: Plant, row:
     plant.step((0.01, 0.01))
     decision = f"refused ({code.name.lower()}); it waits for a lawful answer"
     row(fault, decision, took, plant.unlawful(since))
+
+
+def test_the_command_taken_last_changes_nothing_when_it_comes_again(plant: Plant, row: Take) -> None:
+    since, answer = len(plant.ticks) - 1, plant.command((0.01, 0.0))
+    plant.step((0.01, 0.0))
+    lawful = plant.command((0.0, 0.01))
+    stale = int(plant.health[-1].values["commands_stale"])
+
+    def act() -> None:
+        plant.output.publish(answer)
+        plant.output.publish(lawful)
+
+    took = plant.measure(act, plant.moved_on(), "a tick")
+    plant.wait(lambda: plant.health[-1].stamp >= plant.tick.stamp, "a report")
+    assert int(plant.health[-1].values["commands_stale"]) == stale
+    assert len(plant.ticks) == since + 3
+    decision = "it changes nothing; the lawful command behind it is carried out"
+    row("the command taken last, once more", decision, took, plant.unlawful(since))
 
 
 def test_bytes_that_are_no_message_are_dropped(plant: Plant, row: Take) -> None:
@@ -242,17 +260,18 @@ def ticking(plant: Plant) -> Iterator[Plant]:
 
 LATE = {
     "an answer to a state three periods old": 3,
-    "a second answer to one state": 0,
+    "another answer to the same state": 0,
 }
 
 
 @pytest.mark.parametrize("fault", LATE)
 def test_a_late_command_is_a_hold(ticking: Plant, row: Take, fault: str) -> None:
     seen, since = ticking.reported(Code.STALE), len(ticking.ticks) - 1
-    message = ticking.command((0.05, 0.0), ticking.tick.stamp - LATE[fault] * PERIOD)
+    stamp = ticking.tick.stamp - LATE[fault] * PERIOD
+    message = ticking.command((0.05, 0.0), stamp)
     if not LATE[fault]:
         before = ticking.tick.status.step
-        ticking.output.publish(message)
+        ticking.output.publish(ticking.command((0.04, 0.0), stamp))
         ticking.wait(lambda: ticking.tick.status.step > before, "a step")
     took = ticking.measure(ticking.send(message), seen, fault)
     before = ticking.tick
