@@ -68,7 +68,8 @@ class RecordingMapping:
                 f"the device has no joint {', '.join(missing)}", ", ".join(device.names), "declare a mapping"
             )
         angles = device.position[[places[each.name] for each in self.maps]]  # (n,)
-        mapped: Vector = np.array([each.scale for each in self.maps]) * angles + [each.offset for each in self.maps]
+        with np.errstate(over="ignore"):  # asked about below
+            mapped: Vector = np.array([each.scale for each in self.maps]) * angles + [each.offset for each in self.maps]
         if not np.isfinite(mapped).all():
             raise RledError(f"the device is at {angles.tolist()}", "angles whose image is finite")
         return mapped
