@@ -15,6 +15,7 @@ from rled_agent.experiments.execution import Stopped, execute, is_done, keep
 from rled_agent.experiments.experiment import Drawing, ExperimentError, Library, Run, RunName
 from rled_agent.experiments.pictures import draw
 from rled_agent.experiments.reproduce import EXPERIMENTS, KEPT
+from rled_agent.experiments.reproduce import main as reproduce
 from rled_agent.experiments.statistics import Curve, common, estimate
 from rled_agent.experiments.sweep import Finished, sweep
 from rled_agent.experiments.tables import table
@@ -270,6 +271,30 @@ def test_figures_and_numbers_come_from_the_runs_that_are_kept(tmp_path, monkeypa
     picture = Path("docs/results/figures/view.png")
     assert f"]({picture.relative_to('docs')})" in text
     assert picture.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+
+
+def test_runs_that_are_kept_are_made_again_only_when_asked_for(tmp_path, monkeypatch, capsys):
+    def shown(*options: str) -> list[str]:
+        monkeypatch.setattr("sys.argv", ["reproduce", *options, "--show"])
+        reproduce()
+        return [line.split(":")[0].strip() for line in capsys.readouterr().out.splitlines()[1:]]
+
+    monkeypatch.chdir(tmp_path)
+    EXPERIMENTS.mkdir(parents=True)
+    for name, text in (("base", BASE), ("upon", UPON)):
+        (EXPERIMENTS / f"{name}.toml").write_text(text)
+    library = Library(EXPERIMENTS)
+    bases, uppers = ([str(run.name) for run in library.read(name).runs()] for name in ("base", "upon"))
+    assert shown() == [*bases, *uppers]
+    for name in ("base", "upon"):
+        kept_runs(library, name, lambda run: [0.0])
+    assert shown() == []
+    assert shown("--anew") == [*bases, *uppers]
+    assert shown("--anew", "--only", "a/seed-1") == ["upon/a/seed-1", "base/plain/seed-1"]
+    made = Path("out/reproduce/base/plain/seed-0/run.json")
+    made.parent.mkdir(parents=True)
+    made.write_text((KEPT / "base/plain/seed-0/run.json").read_text())
+    assert shown("upon", "--anew") == [*uppers, "base/plain/seed-1"]
 
 
 def test_the_cloned_expert_stands_beside_the_curves_of_an_evaluation(tmp_path):

@@ -28,9 +28,9 @@ VERDICTS = {
 HEAD = """# Results
 
 Chapter 4, figure by figure, and what stands beside it. Made by `make figures` from the runs in `results/runs`: each has
-its settings, versions and metrics in a folder of its own, named by experiment, variant and seed. `make reproduce` makes
-all runs anew, `make reproduce FIG=4.6` those of one figure; what each one is made with stands in
-`results/experiments`. Curves show the mean over seeds and one standard deviation either way, as far as any seed went;
+its settings, versions and metrics in a folder of its own, named by experiment, variant and seed.
+`make reproduce ARGS=--anew` makes all runs again, with `FIG=4.6` those of one figure; what each one is made with stands
+in `results/experiments`. Curves show the mean over seeds and one standard deviation either way, as far as any seed went;
 numbers are interquartile means over seeds with 95 % bootstrap intervals.
 
 """
@@ -103,7 +103,7 @@ def _effort(source: Experiment, runs: list[Run], kept: list[Run]) -> str:
     first = shlex.join(runs[0].command) if runs else ""
     return (
         f"*Runs:* {len(kept)} of {len(runs)}, {hours:.1f} processor hours ({processors}). `make reproduce "
-        f"FIG={source.name}` makes them; the first one is `{first}`.\n\n"
+        f"FIG={source.name} ARGS=--anew` makes them again; the first one is `{first}`.\n\n"
     )
 
 

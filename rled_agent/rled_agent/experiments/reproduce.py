@@ -28,7 +28,8 @@ class Options:
     """Make what is missing of the runs behind the figures named; run it in the project's folder.
 
     A run that is done is kept, one that was broken off goes on from its checkpoint. Settings and figures of each run
-    end up in docs/results/runs, from where draw_figures draws; weights stay in the folder of runs.
+    end up in docs/results/runs, from where draw_figures draws; weights stay in the folder of runs. With --anew, only
+    what that folder holds counts as done.
     """
 
     figures: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
@@ -41,6 +42,8 @@ class Options:
     """runs at once, each on one thread; on a cluster as many as it has processors"""
     ray: str = ""
     """address of a Ray cluster to make them on: auto, or ray://host:10001"""
+    anew: bool = False
+    """make again what docs/results/runs has"""
     show: bool = False
     """say what is missing and make nothing"""
 
@@ -52,7 +55,7 @@ def main() -> None:
     require_ranges(options, {"workers": (1, 10_000)})
     library = Library(EXPERIMENTS)
     missing = _missing(library, options)
-    print(f"{len(missing)} runs to make")
+    print(f"{len(missing)} runs to make" + ("" if missing else "; --anew makes again what is kept"))
     if options.show:
         for run in missing.values():
             print(f"  {run.name}: {' '.join(run.command)}")
@@ -67,8 +70,9 @@ def main() -> None:
 
 def _missing(library: Library, options: Options) -> dict[RunName, Run]:
     """Runs that are not kept yet, and what these need, if its weights are not there."""
+    kept = options.runs if options.anew else KEPT
     asked = library.with_needs(list(options.figures) or library.names())
-    missing = {name: run for name, run in asked.items() if options.only in str(name) and not is_done(KEPT, run)}
+    missing = {name: run for name, run in asked.items() if options.only in str(name) and not is_done(kept, run)}
     waiting = [need for run in missing.values() for need in run.needs]
     while waiting:
         need = waiting.pop()
