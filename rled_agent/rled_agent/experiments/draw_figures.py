@@ -30,8 +30,8 @@ HEAD = """# Results
 Chapter 4, figure by figure, and what stands beside it. Made by `make figures` from the runs in `results/runs`: each has
 its settings, versions and metrics in a folder of its own, named by experiment, variant and seed.
 `make reproduce ARGS=--anew` makes all runs again, with `FIG=4.6` those of one figure; what each one is made with stands
-in `results/experiments`. Curves show the mean over seeds and one standard deviation either way, as far as any seed went;
-numbers are interquartile means over seeds with 95 % bootstrap intervals.
+in `results/experiments`. Curves show the mean over seeds and one standard deviation either way, as far as any seed
+went; numbers are interquartile means over seeds with 95 % bootstrap intervals.
 
 """
 
