@@ -170,8 +170,10 @@ def _name(command: Sequence[str]) -> str:
     return Path(command[module]).name.rpartition(".")[2]
 
 
-def _die_with_parent() -> None:
+def _prepare() -> None:
+    """In the child: it dies with its parent, and hears SIGINT although its parent may not, as one behind ``nohup``."""
     _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def _spawn(
@@ -187,7 +189,7 @@ def _spawn(
             text=True,
             errors="replace",
             process_group=0,
-            preexec_fn=_die_with_parent,
+            preexec_fn=_prepare,
             pass_fds=files,
         )
     except OSError as error:

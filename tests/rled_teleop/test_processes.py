@@ -90,7 +90,8 @@ def test_a_program_that_is_not_there_is_reported() -> None:
         children.start(["no_such_program"])
 
 
-def test_leaving_the_block_interrupts_a_child_which_can_clean_up(tmp_path: Path) -> None:
+@pytest.mark.parametrize("inherited", [signal.SIG_DFL, signal.SIG_IGN])
+def test_leaving_the_block_interrupts_a_child_which_can_clean_up(tmp_path: Path, inherited: signal.Handlers) -> None:
     code = f"""
         import pathlib, time
         try:
@@ -99,9 +100,13 @@ def test_leaving_the_block_interrupts_a_child_which_can_clean_up(tmp_path: Path)
         except KeyboardInterrupt:
             pathlib.Path({str(tmp_path / "clean")!r}).touch()
     """
-    with Children() as children:
-        child = children.start(python(code))
-        await_that(lambda: is_ready(child))
+    before = signal.signal(signal.SIGINT, inherited)
+    try:
+        with Children() as children:
+            child = children.start(python(code))
+            await_that(lambda: is_ready(child))
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert (tmp_path / "clean").exists()
     assert child.exit_code == 0
 
