@@ -29,7 +29,7 @@ class CommandOutput:
     def __init__(self, node: Node, topic: Topic = JOINT_DELTA) -> None:
         self._topic = topic
         self._waiting: bytes | None = None
-        self._told = 0  # readers that were matched when it was published
+        self._told = 0  # readers that know it, or more when some have left
         matched = PublisherEventCallbacks(matched=self._on_matched)
         kind, qos = MESSAGE_CLASSES[topic.type], qos_profile(replace(topic.qos, depth=HISTORY))
         self.publisher = node.create_publisher(kind, topic.name, qos, event_callbacks=matched)
@@ -45,6 +45,8 @@ class CommandOutput:
         self._waiting = None
 
     def _on_matched(self, change: Any) -> None:
-        if self._waiting is not None and change.current_count > self._told:
-            self._told = change.current_count
+        came = change.total_count_change > 0
+        left = change.current_count_change < change.total_count_change  # so that who came may stand in their place
+        if self._waiting is not None and came and (left or change.current_count > self._told):
             self.publisher.publish(self._waiting)
+        self._told = change.current_count

@@ -29,7 +29,7 @@ class Robot:
 
     def listen(self) -> None:
         topic = replace(JOINT_DELTA, qos=Qos(depth=10))
-        subscribe(self.simulation, topic, lambda command: self.heard.append(command.stamp))
+        self.ear = subscribe(self.simulation, topic, lambda command: self.heard.append(command.stamp))
 
     def say(self, stamp: int) -> None:
         self.output.publish(DeltaCommand(stamp, ("a",), (0.0,)))
@@ -84,3 +84,17 @@ def test_a_command_said_to_a_known_reader_is_not_said_again_when_the_node_is_tol
     robot.say(2)
     robot.spin_until(lambda: 2 in robot.heard)
     assert robot.heard == [1, 2]
+
+
+@pytest.mark.parametrize("told", [True, False], ids=["one event each", "one event of both"])
+def test_a_command_that_waits_reaches_who_comes_in_the_place_of_another(robot, told):
+    count = robot.output.publisher.get_subscription_count
+    robot.listen()
+    await_match(robot)
+    robot.say(1)
+    robot.spin_until(lambda: bool(robot.heard))
+    robot.simulation.destroy_subscription(robot.ear)
+    while told and count():
+        robot.executor.spin_once(timeout_sec=0.01)
+    robot.listen()
+    robot.spin_until(lambda: robot.heard == [1, 1])
