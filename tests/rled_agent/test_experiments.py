@@ -6,12 +6,14 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from threading import Event
+from typing import Any
 
 import numpy as np
 import pytest
 from matplotlib.image import imread
+from rled_agent.experiments.archive import Archive, KeptRun, read_folder
 from rled_agent.experiments.draw_figures import main as draw_figures
-from rled_agent.experiments.execution import Stopped, execute, is_done, keep
+from rled_agent.experiments.execution import Stopped, execute, is_done
 from rled_agent.experiments.experiment import Drawing, ExperimentError, Library, Run, RunName
 from rled_agent.experiments.pictures import draw
 from rled_agent.experiments.reproduce import EXPERIMENTS, KEPT
@@ -151,9 +153,40 @@ def test_a_run_is_done_once_and_anew_when_its_command_has_changed(tmp_path, plan
     folder = execute(run, tmp_path, Event())
     assert is_done(tmp_path, run)
     assert not is_done(tmp_path, Run(run.name, (*command, "--seed", "1")))
-    keep(folder, tmp_path / "kept")
-    assert {path.name for path in (tmp_path / "kept").iterdir()} == {"curve.csv", "run.json", "summary.json"}
-    assert json.loads((tmp_path / "kept" / "run.json").read_text())["command"] == list(command)
+    archive = Archive(tmp_path / "kept")
+    assert not archive.has(run)
+    archive.add(read_folder(folder, run.name))
+    assert archive.has(run)
+    assert not archive.has(Run(run.name, (*command, "--seed", "1")))
+    kept = Archive(tmp_path / "kept").read(run.name.experiment)[run.name]
+    assert (set(kept.documents), set(kept.tables)) == ({"summary"}, {"curve"})
+    assert kept.documents["summary"] == json.loads((folder / "summary.json").read_text())
+    lines = (folder / "curve.csv").read_text().splitlines()
+    assert [*kept.tables["curve"]] == lines[0].split(",")
+    assert [value[-1] for value in kept.tables["curve"].values()] == [float(each) for each in lines[-1].split(",")]
+
+
+def test_what_was_not_measured_is_no_point_of_a_curve_and_the_file_stays_plain_json(tmp_path):
+    name = RunName("e", "v", 3)
+    tables = {"metrics": {"step": np.array([1.0, 2.0, 3.0]), "reward": np.array([0.5, np.nan, 0.1 + 0.2])}}
+    archive = Archive(tmp_path)
+    archive.add(KeptRun(name, {"command": ["train_agent"]}, {"config": {"git": "abc"}}, tables))
+    archive.add(KeptRun(RunName("e", "v", 10), {"command": []}, {}, {}))
+    text = (tmp_path / "e.jsonl").read_text()
+    first, second = (json.loads(line, parse_constant=pytest.fail) for line in text.splitlines())
+    assert (first["variant"], first["seed"], second["seed"]) == ("v", 3, 10)
+    assert first["tables"]["metrics"]["reward"] == [0.5, None, 0.1 + 0.2]
+    steps, values = Archive(tmp_path).read("e")[name].curve("reward")
+    assert (steps.tolist(), values.tolist()) == ([1.0, 3.0], [0.5, 0.1 + 0.2])
+    archive.add(KeptRun(name, {"command": ["train_agent"]}, {"config": {"git": "abc"}}, tables))
+    assert (tmp_path / "e.jsonl").read_text() == text
+
+
+@pytest.mark.parametrize("text", ["{", "[]", "1", '{"variant": "v"}', '{"variant": "v", "seed": 0, "tables": []}'])
+def test_a_file_of_something_else_is_named(tmp_path, text):
+    (tmp_path / "e.jsonl").write_text(text)
+    with pytest.raises(RledError, match=r"e\.jsonl holds something else than runs"):
+        Archive(tmp_path).read("e")
 
 
 def test_a_run_that_was_broken_off_goes_on_unless_its_command_has_changed(tmp_path):
@@ -226,21 +259,21 @@ def test_curves_are_compared_at_steps_that_all_have():
     assert values.tolist() == [[20.0, 30.0], [5.0, 6.0]]
 
 
-def metrics(path: Path, columns: dict[str, list[float]]) -> None:
-    rows = zip(*columns.values(), strict=True)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text("\n".join([",".join(columns), *(",".join(map(str, row)) for row in rows)]) + "\n")
+def a_run(columns: dict[str, list[float]] | None = None, **documents: Any) -> KeptRun:
+    """A run with metrics and documents."""
+    tables = {"metrics": {name: np.array(column) for name, column in (columns or {}).items()}}
+    return KeptRun(RunName("e", "v", 0), {}, documents, tables)
 
 
 def kept_runs(library: Library, name: str, value: Callable[[Run], list[float]]) -> None:
     """Runs that have been made: 100 steps a row."""
+    archive = Archive(KEPT)
     for run in library.read(name).runs():
-        folder = KEPT / run.name.folder
-        values = value(run)
-        steps = [100.0 * (k + 1) for k in range(len(values))]
-        metrics(folder / "metrics.csv", {"step": steps, "reward": values, "demonstrated_share": [0.5] * len(values)})
+        values = np.array(value(run))
+        steps = 100.0 * (np.arange(len(values)) + 1)
+        table = {"step": steps, "reward": values, "demonstrated_share": np.full(len(values), 0.5)}
         record = {"command": run.command, "seconds": 360.0, "processor": "Some Processor", "resumed": False}
-        (folder / "run.json").write_text(json.dumps(record))
+        archive.add(KeptRun(run.name, record, {}, {"metrics": table}))
 
 
 def test_figures_and_numbers_come_from_the_runs_that_are_kept(tmp_path, monkeypatch, capsys):
@@ -293,15 +326,15 @@ def test_runs_that_are_kept_are_made_again_only_when_asked_for(tmp_path, monkeyp
     assert shown("--anew", "--only", "a/seed-1") == ["upon/a/seed-1", "base/plain/seed-1"]
     made = Path("out/reproduce/base/plain/seed-0/run.json")
     made.parent.mkdir(parents=True)
-    made.write_text((KEPT / "base/plain/seed-0/run.json").read_text())
+    made.write_text(json.dumps({"command": library.read("base").runs()[0].command}))
     assert shown("upon", "--anew") == [*uppers, "base/plain/seed-1"]
 
 
 def test_the_cloned_expert_stands_beside_the_curves_of_an_evaluation(tmp_path):
-    runs = [tmp_path / str(k) for k in range(2)]
-    for k, run in enumerate(runs):
-        metrics(run / "metrics.csv", {"step": [100.0, 200.0], "evaluation_steps": [90.0, 10.0 + k]})
-        (run / "expert.json").write_text(json.dumps({"reward": 1.0, "steps": 50.0 + 2.0 * k}))
+    runs = [
+        a_run({"step": [100.0, 200.0], "evaluation_steps": [90.0, 10.0 + k]}, expert={"steps": 50.0 + 2.0 * k})
+        for k in range(2)
+    ]
     drawing = Drawing("curves", "evaluation_steps", "steps", level=51.0, cloning="cloned")
     rows = table(drawing, {"learned": runs}).splitlines()
     assert rows[2].startswith("| learned | 10.5 (10 to 11) | 50.2 (50 to 50.5) | 2 |")
@@ -312,28 +345,27 @@ def test_the_cloned_expert_stands_beside_the_curves_of_an_evaluation(tmp_path):
 
 
 def test_whole_episodes_are_compared_with_the_experts(tmp_path):
-    for k, steps in enumerate((10.0, 20.0)):
-        figures = {"reward": 1.0, "steps": steps, "targets_reached": 15.0, "violations": 0.5}
-        (tmp_path / str(k)).mkdir()
-        (tmp_path / str(k) / "episodes.json").write_text(
-            json.dumps({"expert": figures | {"steps": 8.0}, "agent": figures})
-        )
-    folders = {"late": [tmp_path / "0", tmp_path / "1"], "in time": [tmp_path / "0"]}
+    figures = {"reward": 1.0, "targets_reached": 15.0, "violations": 0.5}
+    fast, slow = (
+        a_run(episodes={"expert": figures | {"steps": 8.0}, "agent": figures | {"steps": steps}})
+        for steps in (10.0, 20.0)
+    )
+    variants = {"late": [fast, slow], "in time": [fast]}
     drawing = Drawing("episodes", "steps", "steps of an episode")
-    late, in_time = table(drawing, folders).splitlines()[2:]
+    late, in_time = table(drawing, variants).splitlines()[2:]
     assert late == "| late | 15 (15 to 15) | 15 (10 to 20) | 0.5 (0.5 to 0.5) | 15 (15 to 15) | 8 (8 to 8) | 2 |"
     assert in_time.startswith("| in time | 15 (15 to 15) | 10 (10 to 10) |")
-    draw(tmp_path / "late.png", drawing, folders, "Late")
+    draw(tmp_path / "late.png", drawing, variants, "Late")
     assert (tmp_path / "late.png").read_bytes()[:4] == b"\x89PNG"
 
 
 def test_experts_of_several_variants_are_told_apart(tmp_path):
-    for variant, success in (("few", 0.25), ("many", 1.0)):
+    def evaluated(success: float) -> KeptRun:
         figures = {"success": success, "steps": 4.0, "path_length": None, "jerk": 100.0}
         bands = {band: {"expert": figures, "agent": figures | {"steps": 3.0}} for band in ("seen", "unseen")}
-        (tmp_path / variant).mkdir()
-        (tmp_path / variant / "evaluation.json").write_text(json.dumps(bands))
-    few, many = {"few": [tmp_path / "few"]}, {"many": [tmp_path / "many"]}
+        return a_run(evaluation=bands)
+
+    few, many = {"few": [evaluated(0.25)]}, {"many": [evaluated(1.0)]}
     rows = table(Drawing("bands"), few | many).splitlines()[2:]
     assert rows[0] == "| seen | few, expert | 0.25 (0.25 to 0.25) | 4 (4 to 4) | none | 100 (100 to 100) | 1 |"
     assert [row.split(" | ")[:2] for row in rows[1:5]] == [
@@ -345,12 +377,14 @@ def test_experts_of_several_variants_are_told_apart(tmp_path):
 
 
 def test_long_labels_stay_within_the_picture(tmp_path):
-    folders = {}
-    for k in range(7):
-        metrics(tmp_path / str(k) / "metrics.csv", {"step": [1.0, 2.0], "reward": [float(k), 0.0]})
-        folders[f"{k}: a method whose name says at length what it does and what not"] = [tmp_path / str(k)]
+    variants = {
+        f"{k}: a method whose name says at length what it does and what not": [
+            a_run({"step": [1.0, 2.0], "reward": [float(k), 0.0]})
+        ]
+        for k in range(7)
+    }
     label = "a metric whose name says at length what is measured, where, and over how many steps the mean is taken"
-    draw(tmp_path / "long.png", Drawing("curves", "reward", label), folders, "Long labels")
+    draw(tmp_path / "long.png", Drawing("curves", "reward", label), variants, "Long labels")
     pixels = imread(tmp_path / "long.png")[..., :3]
     assert pixels[:, [0, -1]].min() == 1.0  # white at both sides
 

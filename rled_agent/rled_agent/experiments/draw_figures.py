@@ -9,7 +9,7 @@ import tyro
 from rled_msgs_py.errors import command_line
 from rled_msgs_py.files import write_whole
 
-from rled_agent.experiments.execution import is_done, record_of
+from rled_agent.experiments.archive import Archive, KeptRun
 from rled_agent.experiments.experiment import Experiment, Library, Run
 from rled_agent.experiments.pictures import draw
 from rled_agent.experiments.reproduce import EXPERIMENTS, KEPT
@@ -27,8 +27,8 @@ VERDICTS = {
 }
 HEAD = """# Results
 
-Chapter 4, figure by figure, and what stands beside it. Made by `make figures` from the runs in `results/runs`: each has
-its settings, versions and metrics in a folder of its own, named by experiment, variant and seed.
+Chapter 4, figure by figure, and what stands beside it. Made by `make figures` from the runs in `results/runs`: a file
+an experiment, a line of JSON a run, with its variant, seed, command, settings, versions and metrics.
 `make reproduce ARGS=--anew` makes all runs again, with `FIG=4.6` those of one figure; what each one is made with stands
 in `results/experiments`. Curves show the mean over seeds and one standard deviation either way, as far as any seed
 went; numbers are interquartile means over seeds with 95 % bootstrap intervals.
@@ -79,27 +79,27 @@ def _section(library: Library, experiment: Experiment) -> str:
     """Pictures, numbers and verdict of one experiment."""
     source = library.read(experiment.runs_of) if experiment.runs_of else experiment
     runs = source.runs()
-    kept = [run for run in runs if is_done(KEPT, run)]
-    folders: dict[str, list[Path]] = {}
-    for run in kept:
-        folders.setdefault(source.variants[run.name.variant].label, []).append(KEPT / run.name.folder)
-    folders = {each.label: folders[each.label] for each in source.variants.values() if each.label in folders}
+    archived = Archive(KEPT).read(source.name)
+    kept = [archived[run.name] for run in runs if run.name in archived and archived[run.name].is_of(run)]
+    variants: dict[str, list[KeptRun]] = {}
+    for each in kept:
+        variants.setdefault(source.variants[each.name.variant].label, []).append(each)
+    variants = {each.label: variants[each.label] for each in source.variants.values() if each.label in variants}
     parts = [f"## {_heading(experiment)}\n\n", f"*Claim:* {experiment.claim}\n\n"]
     parts.append(f"*Verdict:* **{VERDICTS[experiment.verdict]}**. {experiment.reason}".rstrip() + "\n\n")
     parts.append(f"*Settings:* {experiment.settings or source.settings}\n\n")
     parts.append(_effort(source, runs, kept))
-    for k, drawing in enumerate(experiment.drawings if folders else []):
+    for k, drawing in enumerate(experiment.drawings if variants else []):
         path = FIGURES / f"{experiment.name}{f'-{k + 1}' if len(experiment.drawings) > 1 else ''}.png"
-        draw(path, drawing, folders, _heading(experiment))
-        parts.append(f"![{_heading(experiment)}](results/figures/{path.name})\n\n{table(drawing, folders)}\n")
+        draw(path, drawing, variants, _heading(experiment))
+        parts.append(f"![{_heading(experiment)}](results/figures/{path.name})\n\n{table(drawing, variants)}\n")
     return "".join(parts)
 
 
-def _effort(source: Experiment, runs: list[Run], kept: list[Run]) -> str:
+def _effort(source: Experiment, runs: list[Run], kept: list[KeptRun]) -> str:
     """How many runs, how long they took and where, and the command of the first one."""
-    records = [record for run in kept if (record := record_of(KEPT, run.name)) is not None]
-    hours = sum(each["seconds"] for each in records) / 3600.0
-    processors = ", ".join(sorted({each["processor"] for each in records})) or "nowhere yet"
+    hours = sum(each.record["seconds"] for each in kept) / 3600.0
+    processors = ", ".join(sorted({each.record["processor"] for each in kept})) or "nowhere yet"
     first = shlex.join(runs[0].command) if runs else ""
     return (
         f"*Runs:* {len(kept)} of {len(runs)}, {hours:.1f} processor hours ({processors}). `make reproduce "

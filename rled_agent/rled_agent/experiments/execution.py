@@ -8,15 +8,15 @@ import sys
 import time
 from pathlib import Path
 from threading import Event
-from typing import Any
 
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.files import write_whole
 from rled_msgs_py.processes import POLL, Children
 
-from rled_agent.experiments.experiment import Run, RunName
+from rled_agent.experiments.archive import RECORD
+from rled_agent.experiments.experiment import Run
 
-RECORD, BEGUN = "run.json", "command.txt"
+BEGUN = "command.txt"
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "CUDA_VISIBLE_DEVICES": ""}
 RESUMES = "train_agent"
 
@@ -72,26 +72,12 @@ def _can_go_on(folder: Path, run: Run) -> bool:
     return begun.read_text() == shlex.join(run.command)
 
 
-def record_of(root: Path, name: RunName) -> dict[str, Any] | None:
-    """What ``execute`` wrote of a run that is done; None of any other."""
-    try:
-        record: dict[str, Any] = json.loads((root / name.folder / RECORD).read_text())
-    except (OSError, ValueError):
-        return None
-    return record
-
-
 def is_done(root: Path, run: Run) -> bool:
-    """The run was made, by the same command as now."""
-    record = record_of(root, run.name)
-    return record is not None and record["command"] == list(run.command)
-
-
-def keep(folder: Path, kept: Path) -> None:
-    """Copy a run's settings and figures, not its weights, to where they are kept for good."""
-    for path in sorted(folder.iterdir()):
-        if path.suffix in (".json", ".csv"):
-            write_whole(kept / path.name, path.read_text())
+    """The run was made there, by the same command as now."""
+    try:
+        return bool(json.loads((root / run.name.folder / RECORD).read_text())["command"] == list(run.command))
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
 
 
 def processor() -> str:

@@ -1,6 +1,5 @@
 """The pictures of an experiment, from the figures of its runs."""
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from textwrap import fill
@@ -12,27 +11,28 @@ from matplotlib.axes import Axes
 from rled_msgs_py.pictures import picture
 
 from rled_agent.evaluation import Course
+from rled_agent.experiments.archive import KeptRun
 from rled_agent.experiments.experiment import Drawing, Kind
-from rled_agent.experiments.statistics import Estimate, Floats, common, estimate, read_columns, read_curve
+from rled_agent.experiments.statistics import Estimate, Floats, common, estimate
 
-Folders = Mapping[str, Sequence[Path]]
-"""Folders of the runs of each variant, by its label."""
+Runs = Mapping[str, Sequence[KeptRun]]
+"""The runs of each variant, by its label."""
 SHOWN = 8
 LINE, HANDLE, LABEL = 100, 8, 40
 """Letters across a picture, what the line before a legend's text takes of them, and letters along an axis."""
 
 
-def draw(path: Path, drawing: Drawing, folders: Folders, title: str) -> None:
+def draw(path: Path, drawing: Drawing, variants: Runs, title: str) -> None:
     """Write one picture as PNG."""
     with picture(path, 8.0, 5.0) as axes:
-        DRAW[drawing.kind](axes, drawing, folders)
+        DRAW[drawing.kind](axes, drawing, variants)
         axes.set_title(title, fontsize=10)
 
 
-def _draw_curves(axes: Axes, drawing: Drawing, folders: Folders) -> None:
+def _draw_curves(axes: Axes, drawing: Drawing, variants: Runs) -> None:
     """Mean over the seeds, and a band of one standard deviation either way, as far as any seed went."""
-    for color, (label, runs) in zip(_colors(len(folders), drawing.ordered), folders.items(), strict=True):
-        curves = [read_curve(run / "metrics.csv", drawing.metric).smoothed(drawing.window) for run in runs]
+    for color, (label, runs) in zip(_colors(len(variants), drawing.ordered), variants.items(), strict=True):
+        curves = [run.curve(drawing.metric).smoothed(drawing.window) for run in runs]
         steps, values = common([curve for curve in curves if len(curve.steps)] or curves)
         mean, spread = values.mean(axis=0), values.std(axis=0)
         axes.plot(steps, mean, color=color, label=label, linewidth=1.5)
@@ -40,7 +40,7 @@ def _draw_curves(axes: Axes, drawing: Drawing, folders: Folders) -> None:
         axes.fill_between(steps, low, high, color=color, alpha=0.15, linewidth=0)
     if drawing.cloning:
         axes.axhline(
-            float(np.mean(read_experts(drawing, folders))), color="black", linestyle="--", label=drawing.cloning
+            float(np.mean(read_experts(drawing, variants))), color="black", linestyle="--", label=drawing.cloning
         )
     axes.set(xlabel="environment steps", ylabel=fill(drawing.label, LABEL))
     if drawing.log:
@@ -48,10 +48,10 @@ def _draw_curves(axes: Axes, drawing: Drawing, folders: Folders) -> None:
     _legend(axes)
 
 
-def _draw_cloning(axes: Axes, _: Drawing, folders: Folders) -> None:
-    for color, (label, runs) in zip(_colors(len(folders)), folders.items(), strict=True):
+def _draw_cloning(axes: Axes, _: Drawing, variants: Runs) -> None:
+    for color, (label, runs) in zip(_colors(len(variants)), variants.items(), strict=True):
         for k, run in enumerate(runs):
-            columns = read_columns(run / "curve.csv")
+            columns = run.tables["curve"]
             for name, style in (("train", "-"), ("validation", "--")):
                 named = f"{label}, {'training' if name == 'train' else name}" if k == 0 else None
                 axes.semilogy(columns["step"], columns[name], style, color=color, alpha=0.6, label=named)
@@ -59,29 +59,29 @@ def _draw_cloning(axes: Axes, _: Drawing, folders: Folders) -> None:
     _legend(axes)
 
 
-def _draw_bands(axes: Axes, _: Drawing, folders: Folders) -> None:
+def _draw_bands(axes: Axes, _: Drawing, variants: Runs) -> None:
     """Success of each policy by distance from the demonstrated points."""
-    for color, (label, runs) in zip(_colors(len(folders)), folders.items(), strict=True):
+    for color, (label, runs) in zip(_colors(len(variants)), variants.items(), strict=True):
         evaluations = [read_bands(run) for run in runs]
         bands = list(evaluations[0])
         for policy in evaluations[0][bands[0]]:
             values = [estimate([each[band][policy]["success"] for each in evaluations]) for band in bands]
             heights, errors = _bars(values)
-            style, named = "o--" if policy == "expert" else "o-", policy_name(policy, label, folders)
+            style, named = "o--" if policy == "expert" else "o-", policy_name(policy, label, variants)
             axes.errorbar(range(len(bands)), heights, errors, fmt=style, color=color, capsize=3, label=named)
     axes.set(xlabel="targets", ylabel="share of targets reached", ylim=(-0.02, 1.02))
     axes.set_xticks(range(len(bands)), bands)
     _legend(axes)
 
 
-def _draw_episodes(axes: Axes, drawing: Drawing, folders: Folders) -> None:
+def _draw_episodes(axes: Axes, drawing: Drawing, variants: Runs) -> None:
     """A figure of whole episodes of the expert and of the learned policy, one line a variant."""
     for policy in ("expert", "agent"):
-        values = [estimate([read_episodes(run)[policy][drawing.metric] for run in runs]) for runs in folders.values()]
+        values = [estimate([read_episodes(run)[policy][drawing.metric] for run in runs]) for runs in variants.values()]
         middles, errors = _bars(values)
         axes.errorbar(middles, range(len(values)), xerr=errors, fmt="o", capsize=3, label=policy)
     axes.set(xlabel=drawing.label)
-    axes.set_yticks(range(len(folders)), list(folders))
+    axes.set_yticks(range(len(variants)), list(variants))
     axes.invert_yaxis()
     _legend(axes)
 
@@ -92,23 +92,22 @@ def _bars(values: Sequence[Estimate]) -> tuple[Floats, Floats]:
     return middles, np.abs(np.array([[each.low, each.high] for each in values]).T - middles)
 
 
-def _draw_paths(axes: Axes, drawing: Drawing, folders: Folders) -> None:
+def _draw_paths(axes: Axes, drawing: Drawing, variants: Runs) -> None:
     """Distance from the target over the steps of some motions of the first seed."""
-    for label, runs in folders.items():
+    for label, runs in variants.items():
         for k, (policy, courses) in enumerate(read_courses(runs[0], drawing.metric).items()):
             for j, each in enumerate(courses[:SHOWN]):
-                named = policy_name(policy, label, folders) if j == 0 else None
+                named = policy_name(policy, label, variants) if j == 0 else None
                 axes.plot(each.distance, ".-", color=f"C{k}", linewidth=1.0, markersize=4, alpha=0.7, label=named)
     axes.set(xlabel="step", ylabel="distance from the target (m)", ylim=(0.0, None))
     _legend(axes)
 
 
-def _draw_tradeoff(axes: Axes, drawing: Drawing, folders: Folders) -> None:
+def _draw_tradeoff(axes: Axes, drawing: Drawing, variants: Runs) -> None:
     """What a share of demonstrated actions buys: one point a variant, means over all of training."""
-    for color, (label, runs) in zip(_colors(len(folders), drawing.ordered), folders.items(), strict=True):
+    for color, (label, runs) in zip(_colors(len(variants), drawing.ordered), variants.items(), strict=True):
         shares, values = (
-            np.array([read_curve(run / "metrics.csv", metric).mean for run in runs])
-            for metric in ("demonstrated_share", drawing.metric)
+            np.array([run.curve(metric).mean for run in runs]) for metric in ("demonstrated_share", drawing.metric)
         )
         axes.errorbar(
             shares.mean(), values.mean(), values.std(), shares.std(), fmt="o", color=color, capsize=3, label=label
@@ -117,7 +116,7 @@ def _draw_tradeoff(axes: Axes, drawing: Drawing, folders: Folders) -> None:
     _legend(axes)
 
 
-DRAW: Mapping[Kind, Callable[[Axes, Drawing, Folders], None]] = {
+DRAW: Mapping[Kind, Callable[[Axes, Drawing, Runs], None]] = {
     "curves": _draw_curves,
     "cloning": _draw_cloning,
     "bands": _draw_bands,
@@ -127,34 +126,34 @@ DRAW: Mapping[Kind, Callable[[Axes, Drawing, Folders], None]] = {
 }
 
 
-def policy_name(policy: str, variant: str, folders: Folders) -> str:
+def policy_name(policy: str, variant: str, variants: Runs) -> str:
     """What a policy of a variant is called in legends and tables."""
     if policy != "expert":
         return variant
-    return policy if len(folders) == 1 else f"{variant}, {policy}"
+    return policy if len(variants) == 1 else f"{variant}, {policy}"
 
 
-def read_experts(drawing: Drawing, folders: Folders) -> list[float]:
+def read_experts(drawing: Drawing, variants: Runs) -> list[float]:
     """What the cloned expert of each run of the first variant came to, by the actor's metric."""
     name = drawing.metric.removeprefix("evaluation_")
-    return [float(json.loads((run / "expert.json").read_text())[name]) for run in next(iter(folders.values()))]
+    return [float(run.documents["expert"][name]) for run in next(iter(variants.values()))]
 
 
-def read_bands(run: Path) -> dict[str, dict[str, dict[str, Any]]]:
+def read_bands(run: KeptRun) -> dict[str, dict[str, dict[str, Any]]]:
     """What ``evaluate_agent`` found: band, policy, figure."""
-    bands: dict[str, dict[str, dict[str, Any]]] = json.loads((run / "evaluation.json").read_text())
+    bands: dict[str, dict[str, dict[str, Any]]] = run.documents["evaluation"]
     return bands
 
 
-def read_episodes(run: Path) -> dict[str, dict[str, float]]:
+def read_episodes(run: KeptRun) -> dict[str, dict[str, float]]:
     """What ``evaluate_agent`` found in whole episodes: policy, figure."""
-    episodes: dict[str, dict[str, float]] = json.loads((run / "episodes.json").read_text())
+    episodes: dict[str, dict[str, float]] = run.documents["episodes"]
     return episodes
 
 
-def read_courses(run: Path, band: str) -> dict[str, list[Course]]:
+def read_courses(run: KeptRun, band: str) -> dict[str, list[Course]]:
     """Motions that ``evaluate_agent`` kept of a band, by policy."""
-    courses: dict[str, list[list[list[float]]]] = json.loads((run / "motions.json").read_text())[band]
+    courses: dict[str, list[list[list[float]]]] = run.documents["motions"][band]
     return {policy: [Course(*each) for each in group] for policy, group in courses.items()}
 
 

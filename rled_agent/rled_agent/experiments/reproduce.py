@@ -14,8 +14,9 @@ from rled_msgs_py.errors import RledError, command_line
 from rled_msgs_py.stopping import stop_requested
 
 from rled_agent.config import require_ranges
+from rled_agent.experiments.archive import Archive, read_folder
 from rled_agent.experiments.cluster import Cluster
-from rled_agent.experiments.execution import execute, is_done, keep
+from rled_agent.experiments.execution import execute, is_done
 from rled_agent.experiments.experiment import Library, Run, RunName
 from rled_agent.experiments.sweep import Finished, sweep
 from rled_agent.progress import Progress
@@ -28,8 +29,8 @@ class Options:
     """Make what is missing of the runs behind the figures named; run it in the project's folder.
 
     A run that is done is kept, one that was broken off goes on from its checkpoint. Settings and figures of each run
-    end up in docs/results/runs, from where draw_figures draws; weights stay in the folder of runs. With --anew, only
-    what that folder holds counts as done.
+    end up in docs/results/runs, a file an experiment, from where draw_figures draws; weights stay in the folder of
+    runs. With --anew, only what that folder holds counts as done.
     """
 
     figures: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
@@ -70,9 +71,9 @@ def main() -> None:
 
 def _missing(library: Library, options: Options) -> dict[RunName, Run]:
     """Runs that are not kept yet, and what these need, if its weights are not there."""
-    kept = options.runs if options.anew else KEPT
+    is_kept = partial(is_done, options.runs) if options.anew else Archive(KEPT).has
     asked = library.with_needs(list(options.figures) or library.names())
-    missing = {name: run for name, run in asked.items() if options.only in str(name) and not is_done(kept, run)}
+    missing = {name: run for name, run in asked.items() if options.only in str(name) and not is_kept(run)}
     waiting = [need for run in missing.values() for need in run.needs]
     while waiting:
         need = waiting.pop()
@@ -93,13 +94,13 @@ def _maker(options: Options, stop: Event) -> tuple[Callable[[Run], Path], int]:
 def _make(missing: dict[RunName, Run], root: Path, make: Callable[[Run], Path], pool: Executor) -> list[str]:
     """Make the runs; returns the names of those that failed or were stopped."""
     failed: list[str] = []
-    done = 0
+    done, archive = 0, Archive(KEPT)
 
     def tell(finished: Finished) -> None:
         nonlocal done
         done += 1
         if finished.error is None:
-            keep(root / finished.name.folder, KEPT / finished.name.folder)
+            archive.add(read_folder(root / finished.name.folder, finished.name))
         else:
             failed.append(str(finished.name))
             print(f"{finished.name}: {finished.error}", flush=True)

@@ -1,8 +1,6 @@
 """Figures of runs that differ in their seed only."""
 
-import csv
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -59,20 +57,6 @@ class Estimate(NamedTuple):
 
     def __str__(self) -> str:
         return f"{self.value:.3g} ({self.low:.3g} to {self.high:.3g})"
-
-
-def read_columns(path: Path) -> dict[str, Floats]:
-    """The columns of a CSV file of numbers, by name."""
-    with path.open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    return {name: np.array([float(row[name]) for row in rows]) for name in (rows[0] if rows else {})}
-
-
-def read_curve(path: Path, metric: str) -> Curve:
-    """One metric of ``metrics.csv``, where it was measured."""
-    columns = read_columns(path)
-    measured = np.isfinite(columns[metric])
-    return Curve(columns["step"][measured], columns[metric][measured])
 
 
 def estimate(values: Sequence[float]) -> Estimate:

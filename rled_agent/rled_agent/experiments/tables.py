@@ -6,27 +6,26 @@ import numpy as np
 
 from rled_agent.evaluation import Course
 from rled_agent.experiments.experiment import Drawing, Kind
-from rled_agent.experiments.pictures import Folders, policy_name, read_bands, read_courses, read_episodes, read_experts
-from rled_agent.experiments.statistics import Curve, estimate, read_columns, read_curve
+from rled_agent.experiments.pictures import Runs, policy_name, read_bands, read_courses, read_episodes, read_experts
+from rled_agent.experiments.statistics import Curve, estimate
 
 NEAR = 0.15
 """Distance from a target (m) below which a motion is near to it."""
 
 
-def table(drawing: Drawing, folders: Folders) -> str:
+def table(drawing: Drawing, variants: Runs) -> str:
     """The numbers behind one picture, each an interquartile mean over seeds with its 95 % bootstrap interval."""
-    heads, rows = TABLES[drawing.kind](drawing, folders)
+    heads, rows = TABLES[drawing.kind](drawing, variants)
     lines = [heads, ["---"] * len(heads), *rows]
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
-def _curves(drawing: Drawing, folders: Folders) -> tuple[list[str], list[list[str]]]:
+def _curves(drawing: Drawing, variants: Runs) -> tuple[list[str], list[list[str]]]:
     groups = {
-        label: [read_curve(run / "metrics.csv", drawing.metric).smoothed(drawing.window) for run in runs]
-        for label, runs in folders.items()
+        label: [run.curve(drawing.metric).smoothed(drawing.window) for run in runs] for label, runs in variants.items()
     }
     if drawing.cloning:  # it takes no step of the environment
-        groups[drawing.cloning] = [Curve(np.zeros(1), np.array([each])) for each in read_experts(drawing, folders)]
+        groups[drawing.cloning] = [Curve(np.zeros(1), np.array([each])) for each in read_experts(drawing, variants)]
     heads = [drawing.label, "at the end", "over all of training", "seeds"]
     rows = [
         [label, str(estimate([c.end for c in curves])), str(estimate([c.mean for c in curves])), str(len(curves))]
@@ -43,26 +42,26 @@ def _steps(count: float) -> str:
     return f"{count:,.0f}" if np.isfinite(count) else "never"
 
 
-def _cloning(_: Drawing, folders: Folders) -> tuple[list[str], list[list[str]]]:
+def _cloning(_: Drawing, variants: Runs) -> tuple[list[str], list[list[str]]]:
     rows = []
-    for label, runs in folders.items():
-        columns = [read_columns(run / "curve.csv") for run in runs]
+    for label, runs in variants.items():
+        columns = [run.tables["curve"] for run in runs]
         first, last = (estimate([each["validation"][at] for each in columns]) for at in (0, -1))
         rises = estimate([float(np.mean(np.diff(each["validation"]) > 0.0)) for each in columns])
         rows.append([label, str(first), str(last), str(rises), str(len(runs))])
     return ["expert", "first validation error", "last", "share of validations that rose", "seeds"], rows
 
 
-def _bands(_: Drawing, folders: Folders) -> tuple[list[str], list[list[str]]]:
+def _bands(_: Drawing, variants: Runs) -> tuple[list[str], list[list[str]]]:
     rows = []
-    for label, runs in folders.items():
+    for label, runs in variants.items():
         found = [read_bands(run) for run in runs]
         for band, policies in found[0].items():
             for policy in policies:
                 figures = [_present(each[band][policy][name] for each in found) for name in SHOWN]
                 cells = [str(estimate(values)) if values else "none" for values in figures]
-                rows.append([band, policy_name(policy, label, folders), *cells, str(len(runs))])
-    return ["targets", "policy", *SHOWN.values(), "seeds"], sorted(rows, key=lambda row: _rank(row[0], folders))
+                rows.append([band, policy_name(policy, label, variants), *cells, str(len(runs))])
+    return ["targets", "policy", *SHOWN.values(), "seeds"], sorted(rows, key=lambda row: _rank(row[0], variants))
 
 
 SHOWN: Mapping[str, str] = {
@@ -77,18 +76,18 @@ def _present(values: Iterable[float | None]) -> list[float]:
     return [value for value in values if value is not None]
 
 
-def _rank(band: str, folders: Folders) -> int:
-    run = next(iter(folders.values()))[0]
+def _rank(band: str, variants: Runs) -> int:
+    run = next(iter(variants.values()))[0]
     return list(read_bands(run)).index(band)
 
 
-def _paths(drawing: Drawing, folders: Folders) -> tuple[list[str], list[list[str]]]:
+def _paths(drawing: Drawing, variants: Runs) -> tuple[list[str], list[list[str]]]:
     rows = []
-    for label, runs in folders.items():
+    for label, runs in variants.items():
         found = [read_courses(run, drawing.metric) for run in runs]
         for policy in found[0]:
             near, far = zip(*(_changes(each[policy]) for each in found), strict=True)
-            name = policy_name(policy, label, folders)
+            name = policy_name(policy, label, variants)
             rows.append([name, str(estimate(far)), str(estimate(near)), str(len(runs))])
     heads = ["policy", f"change of Δq in a step (mrad), farther than {100 * NEAR:g} cm", "nearer", "seeds"]
     return heads, rows
@@ -100,7 +99,7 @@ def _changes(courses: Sequence[Course]) -> tuple[float, float]:
     return float(change[distance < NEAR].mean()), float(change[distance >= NEAR].mean())
 
 
-def _tradeoff(drawing: Drawing, folders: Folders) -> tuple[list[str], list[list[str]]]:
+def _tradeoff(drawing: Drawing, variants: Runs) -> tuple[list[str], list[list[str]]]:
     metrics = {
         "demonstrated_share": "demonstrated actions",
         drawing.metric: drawing.label,
@@ -108,13 +107,13 @@ def _tradeoff(drawing: Drawing, folders: Folders) -> tuple[list[str], list[list[
         "qcd_median": "u_t, median",
     }
     rows = []
-    for label, runs in folders.items():
-        values = [[read_curve(run / "metrics.csv", name).mean for run in runs] for name in metrics]
+    for label, runs in variants.items():
+        values = [[run.curve(name).mean for run in runs] for name in metrics]
         rows.append([label, *(str(estimate(each)) for each in values), str(len(runs))])
     return ["means over all of training", *metrics.values(), "seeds"], rows
 
 
-def _episodes(_: Drawing, folders: Folders) -> tuple[list[str], list[list[str]]]:
+def _episodes(_: Drawing, variants: Runs) -> tuple[list[str], list[list[str]]]:
     columns = {
         "targets reached": ("agent", "targets_reached"),
         "steps": ("agent", "steps"),
@@ -123,14 +122,14 @@ def _episodes(_: Drawing, folders: Folders) -> tuple[list[str], list[list[str]]]
         "steps of the expert": ("expert", "steps"),
     }
     rows = []
-    for label, runs in folders.items():
+    for label, runs in variants.items():
         found = [read_episodes(run) for run in runs]
         cells = [str(estimate([each[policy][name] for each in found])) for policy, name in columns.values()]
         rows.append([label, *cells, str(len(runs))])
     return ["means of an episode", *columns, "seeds"], rows
 
 
-TABLES: Mapping[Kind, Callable[[Drawing, Folders], tuple[list[str], list[list[str]]]]] = {
+TABLES: Mapping[Kind, Callable[[Drawing, Runs], tuple[list[str], list[list[str]]]]] = {
     "curves": _curves,
     "cloning": _cloning,
     "bands": _bands,

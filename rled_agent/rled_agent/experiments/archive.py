@@ -1,0 +1,129 @@
+"""Runs that are kept: one file an experiment, one line of JSON a run, with all that its figures are drawn from.
+
+A line holds the run's variant and seed, its command and where it was made (``run``), the content of each JSON file that
+it wrote (``documents``, of which ``config`` has the settings and the revision of the code) and the columns of each CSV
+file (``tables``), where null stands for NaN.
+"""
+
+import csv
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from rled_msgs_py.errors import RledError
+from rled_msgs_py.files import write_whole
+
+from rled_agent.experiments.experiment import Run, RunName
+from rled_agent.experiments.statistics import Curve, Floats
+
+RECORD = "run.json"
+"""File of a run's folder that says how it was made; a run that is done has one."""
+METRICS = "metrics"
+
+
+class KeptRun(NamedTuple):
+    """What is kept of one run.
+
+    Attributes:
+        name: which run.
+        record: its command, seconds and processor.
+        documents: JSON content by the stem of its file.
+        tables: columns by name, by the stem of their file.
+    """
+
+    name: RunName
+    record: Mapping[str, Any]
+    documents: Mapping[str, Any]
+    tables: Mapping[str, Mapping[str, Floats]]
+
+    def curve(self, metric: str) -> Curve:
+        """One metric over environment steps, where it was measured."""
+        columns = self.tables[METRICS]
+        measured = np.isfinite(columns[metric])
+        return Curve(columns["step"][measured], columns[metric][measured])
+
+    def is_of(self, run: Run) -> bool:
+        """Whether that run's command made it."""
+        return list(self.record["command"]) == list(run.command)
+
+
+def read_folder(folder: Path, name: RunName) -> KeptRun:
+    """What is to be kept of a run's folder: its settings and figures, not its weights."""
+    documents = {path.stem: json.loads(path.read_text()) for path in sorted(folder.glob("*.json"))}
+    tables = {path.stem: _columns(path) for path in sorted(folder.glob("*.csv"))}
+    return KeptRun(name, documents.pop(Path(RECORD).stem), documents, tables)
+
+
+class Archive:
+    """The kept runs of all experiments.
+
+    Args:
+        folder: where their files are.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._known: dict[str, dict[RunName, KeptRun]] = {}
+
+    def read(self, experiment: str) -> Mapping[RunName, KeptRun]:
+        """Runs of one experiment, by name; its file is read once.
+
+        Raises:
+            RledError: a line is no run.
+        """
+        if experiment not in self._known:
+            self._known[experiment] = self._read(experiment)
+        return self._known[experiment]
+
+    def _read(self, experiment: str) -> dict[RunName, KeptRun]:
+        path = self._path(experiment)
+        lines = path.read_text().splitlines() if path.exists() else []
+        try:
+            kept = [_run(experiment, json.loads(line)) for line in lines]
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
+            raise RledError(f"{path} holds something else than runs ({error})", "what reproduce writes") from None
+        return {each.name: each for each in kept}
+
+    def has(self, run: Run) -> bool:
+        """The run is kept, made by the same command as now."""
+        kept = self.read(run.name.experiment).get(run.name)
+        return kept is not None and kept.is_of(run)
+
+    def add(self, run: KeptRun) -> None:
+        """Keep a run, in place of an older one of its name."""
+        runs = {**self.read(run.name.experiment), run.name: run}
+        lines = [json.dumps(_line(runs[name]), allow_nan=False) for name in sorted(runs)]
+        write_whole(self._path(run.name.experiment), "".join(f"{line}\n" for line in lines))
+        self._known[run.name.experiment] = runs
+
+    def _path(self, experiment: str) -> Path:
+        return self._folder / f"{experiment}.jsonl"
+
+
+def _columns(path: Path) -> dict[str, Floats]:
+    with path.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    return {name: np.array([float(row[name]) for row in rows]) for name in (rows[0] if rows else {})}
+
+
+def _line(run: KeptRun) -> dict[str, Any]:
+    tables = {
+        stem: {
+            name: [None if math.isnan(value) else value for value in column.tolist()] for name, column in each.items()
+        }
+        for stem, each in run.tables.items()
+    }
+    where = {"variant": run.name.variant, "seed": run.name.seed}
+    return where | {"run": dict(run.record), "documents": dict(run.documents), "tables": tables}
+
+
+def _run(experiment: str, line: dict[str, Any]) -> KeptRun:
+    tables = {
+        stem: {name: np.array(column, dtype=np.float64) for name, column in each.items()}
+        for stem, each in line["tables"].items()
+    }
+    name = RunName(experiment, line["variant"], line["seed"])
+    return KeptRun(name, line["run"], line["documents"], tables)
