@@ -116,9 +116,9 @@ def planar_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def planar_expert(planar_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Weights of a small expert cloned from that demonstration: it reaches nearly every target."""
     import torch
-    from rled_agent.architecture import Architecture
     from rled_agent.demonstrations import open_demonstrations
     from rled_agent.expert import ExpertConfig, clone_expert
+    from rled_agent.nn.architecture import Architecture
 
     torch.set_num_threads(1)
     config = ExpertConfig(Architecture(hidden=(48, 48)), steps=1500)

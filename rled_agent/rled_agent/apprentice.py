@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rled_agent.networks import Network
+from rled_agent.nn.perceptron import Perceptron
 from rled_agent.weight_slot import WeightSlot
 
 PRIORITIES = ("idle", "low")
@@ -29,9 +29,9 @@ class Apprentice:
         priority: one of ``PRIORITIES``.
     """
 
-    def __init__(self, actor: Network, policy: Path, checkpoint: Path, priority: str = "idle") -> None:
+    def __init__(self, actor: Perceptron, policy: Path, checkpoint: Path, priority: str = "idle") -> None:
         self._actor = actor
-        self._weights = np.empty(len(actor.parameters), dtype=np.float32)
+        self._weights = actor.vector()
         self._slot = WeightSlot(len(self._weights))
         self.offered = self.dropped = self.handovers = 0
         command = [sys.executable, "-m", "rled_agent.learning_process", "--policy", str(policy)]
@@ -72,7 +72,7 @@ class Apprentice:
     def renew(self) -> None:
         """Take newer weights into the actor, if there are any."""
         if self._slot.take(self._weights):
-            self._actor.parameters.numpy()[:] = self._weights
+            self._actor.load_vector(self._weights)
             self.handovers += 1
 
     def save(self) -> None:

@@ -4,13 +4,13 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from rled_msgs_py.records import Actor
 
-from rled_agent.memory import Rows
-from rled_agent.networks import Network
+from rled_agent.nn.perceptron import Perceptron
+from rled_agent.nn.scaling import Scaling
 from rled_agent.policy import Policy
-from rled_agent.scaling import Scaling
 from rled_agent.uncertainty import Measure, MonteCarlo
 
 Action = NDArray[np.float32]
@@ -38,15 +38,12 @@ class Source(Protocol):
         ...
 
 
-def actor_source(network: Network) -> Source:
+def actor_source(network: Perceptron) -> Source:
     """A network's action without dropout."""
-    rows = Rows.empty(1, 1, network.sizes[0])
-    given, found = rows.units[0, 0].numpy(), network.forward(rows)[0, 0].numpy()
 
+    @torch.inference_mode()
     def act(observation: NDArray[np.float32]) -> Action:
-        given[:] = observation
-        network.forward(rows)
-        action: Action = found.copy()
+        action: Action = network(torch.from_numpy(observation)[None])[0, 0].numpy()
         return action
 
     return act

@@ -10,8 +10,8 @@ from rled_msgs_py.errors import RledError
 from rled_sim.faults import Faults
 from rled_sim.tasks import MOST_SPREAD
 
-from rled_agent.architecture import Architecture
-from rled_agent.learner import LearnerConfig
+from rled_agent.learners.td3 import LearnerConfig
+from rled_agent.nn.architecture import Architecture
 from rled_agent.uncertainty import Measure
 
 

@@ -10,7 +10,7 @@ from rled_msgs_py.task import TaskDescription
 
 import rled_sim  # noqa: F401  registers this project's environments
 from rled_agent.config import TrainConfig
-from rled_agent.scaling import Floats
+from rled_agent.nn.scaling import Floats
 
 Environment: TypeAlias = gymnasium.Env[Any, Any]
 Box = gymnasium.spaces.Box

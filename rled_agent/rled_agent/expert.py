@@ -10,13 +10,13 @@ import torch
 from rled_msgs_py.errors import RledError
 from torch import Tensor
 
-from rled_agent.adam import Adam
-from rled_agent.architecture import Architecture
 from rled_agent.config import MANY, WIDTHS, require_ranges
 from rled_agent.demonstrations import Demonstrations, StateActions
-from rled_agent.networks import Network
+from rled_agent.nn.adam import adam, step
+from rled_agent.nn.architecture import Architecture
+from rled_agent.nn.perceptron import Perceptron
+from rled_agent.nn.scaling import Scaling, scaling_of_samples
 from rled_agent.policy import Policy
-from rled_agent.scaling import Scaling, scaling_of_samples
 
 CHUNK = 64
 """Batches drawn at once: the closed form of ζᵇ is cheapest in large arrays."""
@@ -97,17 +97,16 @@ def clone_expert(
         raise RledError("too few demonstrated trajectories to set some aside", "at least 2", "record more")
     scaling = _scaling(rest, generator)
     network = _network(rest, config, generator)
-    adam = Adam(network.parameters, network.gradients)
+    optimizer = adam(network, config.learning_rate)
     validation = _tensors(aside.sample(8192, generator), scaling)
     curve: list[CurvePoint] = []
     losses: list[Tensor] = []
-    for step, (observations, actions) in enumerate(_batches(rest, scaling, config, generator), start=1):
-        error = network.forward(observations)[0] - actions  # (b, n)
-        network.backward(error.mul(2.0 / len(error))[None])
-        adam.step(config.learning_rate * 0.5 * (1.0 + math.cos(math.pi * (step - 1) / config.steps)))
-        losses.append(_cloning_loss(error))
-        if step % config.validate_every == 0 or step == config.steps:
-            curve.append(_validate(step, network, validation, losses))
+    for k, (observations, actions) in enumerate(_batches(rest, scaling, config, generator), start=1):
+        loss = _cloning_loss(network(observations)[0] - actions)
+        step(optimizer, loss, config.learning_rate * 0.5 * (1.0 + math.cos(math.pi * (k - 1) / config.steps)))
+        losses.append(loss.detach())
+        if k % config.validate_every == 0 or k == config.steps:
+            curve.append(_validate(k, network, validation, losses))
             progress(curve[-1])
             losses.clear()
     return Policy(network, scaling, demonstrations.task), curve
@@ -123,11 +122,11 @@ def _scaling(demonstrations: Demonstrations, generator: np.random.Generator) -> 
     return scaling_of_samples(demonstrations.sample(50_000, generator).observations, (-limit, limit))
 
 
-def _network(demonstrations: Demonstrations, config: ExpertConfig, generator: np.random.Generator) -> Network:
+def _network(demonstrations: Demonstrations, config: ExpertConfig, generator: np.random.Generator) -> Perceptron:
     task = demonstrations.task
     weights = torch.Generator().manual_seed(int(generator.integers(2**63)))
     observation_size = len(task.observation_bounds()[0])
-    return Network(observation_size, task.action_size, config.architecture, weights, squash=True)
+    return Perceptron(observation_size, task.action_size, config.architecture, weights, squash=True)
 
 
 def _tensors(pairs: StateActions, scaling: Scaling) -> tuple[Tensor, Tensor]:
@@ -146,8 +145,9 @@ def _batches(
         yield from zip(observations.split(config.batch_size), actions.split(config.batch_size), strict=True)
 
 
-def _validate(step: int, network: Network, pairs: tuple[Tensor, Tensor], losses: list[Tensor]) -> CurvePoint:
-    validation = float(_cloning_loss(network.forward(pairs[0])[0] - pairs[1]))
+@torch.no_grad()
+def _validate(step: int, network: Perceptron, pairs: tuple[Tensor, Tensor], losses: list[Tensor]) -> CurvePoint:
+    validation = float(_cloning_loss(network(pairs[0])[0] - pairs[1]))
     train = float(torch.stack(losses).mean())
     if not math.isfinite(train) or not math.isfinite(validation):
         raise RledError(f"the loss is no number at step {step}", "", "lower the learning rate or check the bag")

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from rled_agent.demonstrations import DemonstrationError, JoinedPoints
-from rled_agent.scaling import Scaling
+from rled_agent.nn.scaling import Scaling
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,8 +13,8 @@ from rled_agent.demonstrations import joined_points
 from rled_agent.environments import Environment, bounds, task_of
 from rled_agent.expert_rows import ExpertRows
 from rled_agent.flaws import NO_FLAWS, Flaws
+from rled_agent.nn.scaling import Scaling, scaling_of_bounds, scaling_of_points
 from rled_agent.policy import load_policy
-from rled_agent.scaling import Scaling, scaling_of_bounds, scaling_of_points
 
 
 class Expertise(NamedTuple):

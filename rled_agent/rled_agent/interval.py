@@ -6,7 +6,7 @@ import numpy as np
 from rled_msgs_py.records import Actor
 
 from rled_agent.behaviour import Choice
-from rled_agent.learner import Metrics
+from rled_agent.learners.td3 import Metrics
 from rled_agent.rollout import EpisodeResult, mean_result
 from rled_agent.uncertainty import Measure
 

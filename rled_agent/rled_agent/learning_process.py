@@ -24,7 +24,7 @@ from rled_msgs_py.stopping import stop_requested
 
 from rled_agent.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
 from rled_agent.config import TrainConfig
-from rled_agent.learner import Learner
+from rled_agent.learners.td3 import Learner
 from rled_agent.learning_state import pack, unpack
 from rled_agent.policy import load_policy
 from rled_agent.replay import Batch, Replay
@@ -78,8 +78,8 @@ class Student:
         self.replay = Replay(*sizes, config.schedule.capacity)
         self.replay.rows.fill(0.0)  # takes all its memory now, not hours later
         self.by_person = Replay(*sizes, config.schedule.capacity)
-        self.learner.actor.parameters.copy_(policy.network.parameters)
-        self.learner.target_actor.parameters.copy_(policy.network.parameters)
+        for actor in (self.learner.actor, self.learner.target_actor):
+            actor.load_state_dict(policy.network.state_dict())
         before = next((path for path in (options.checkpoint, run.checkpoint_path) if path.exists()), None)
         if before is not None:
             checkpoint = read_checkpoint(before)
@@ -134,7 +134,7 @@ def learn(student: Student, slot: WeightSlot, stop: Event, save: Event) -> None:
         if student.is_due():
             student.update()
             if student.learner.updates % student.options.handover_every == 0:
-                slot.put(student.learner.actor.parameters.numpy())
+                slot.put(student.learner.actor.vector())
         if save.is_set() or time.monotonic() - saved > student.options.save_every:
             save.clear()
             student.save()
@@ -148,8 +148,9 @@ def main() -> None:
     torch.set_num_threads(1)
     torch.set_flush_denormal(True)
     student = Student(options)
-    slot = WeightSlot(len(student.learner.actor.parameters), options.slot)
-    slot.put(student.learner.actor.parameters.numpy())  # what was learned before acts at once
+    weights = student.learner.actor.vector()
+    slot = WeightSlot(len(weights), options.slot)
+    slot.put(weights)  # what was learned before acts at once
     gc.freeze()  # what the imports brought is never looked at again: a quicker end
     save = Event()
     signal.signal(signal.SIGUSR1, lambda *_: save.set())

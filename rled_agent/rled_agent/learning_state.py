@@ -4,7 +4,7 @@ import torch
 from torch import Tensor
 
 from rled_agent.checkpoint import Checkpoint, CheckpointError
-from rled_agent.learner import Learner
+from rled_agent.learners.td3 import Learner
 from rled_agent.replay import Replay
 
 

@@ -9,13 +9,13 @@ import torch
 from numpy.typing import NDArray
 from rled_msgs_py.task import TaskDescription
 
-from rled_agent.architecture import Architecture
 from rled_agent.checkpoint import CheckpointError, damaged, read_tensors, write_tensors
-from rled_agent.networks import Network
-from rled_agent.scaling import Scaling
+from rled_agent.nn.architecture import Architecture
+from rled_agent.nn.perceptron import Perceptron
+from rled_agent.nn.scaling import Scaling
 
 FORMAT = "rled-policy"
-VERSION = 1
+VERSION = 2
 SCALING = ("observation_center", "observation_scale", "action_center", "action_scale")
 
 
@@ -29,14 +29,15 @@ class Policy:
         task: what it was trained for.
     """
 
-    network: Network
+    network: Perceptron
     scaling: Scaling
     task: TaskDescription
 
     def act(self, observation: NDArray[np.floating]) -> NDArray[np.float64]:
         """Action (rad), shape (..., n), of an observation, shape (..., o)."""
         rows = self.scaling.normalize_observation(observation).reshape(-1, observation.shape[-1])
-        action = self.network.forward(torch.from_numpy(rows))[0].numpy()
+        with torch.inference_mode():
+            action = self.network(torch.from_numpy(rows))[0].numpy()
         return self.scaling.denormalize_action(action.reshape(*observation.shape[:-1], -1))
 
     def save(self, path: Path) -> None:
@@ -45,7 +46,7 @@ class Policy:
         Raises:
             CheckpointError: the disk is full or can't be written.
         """
-        tensors = {f"network.{name}": tensor for name, tensor in self.network.named_parameters().items()}
+        tensors = {f"network.{name}": tensor for name, tensor in self.network.state_dict().items()}
         tensors |= {name: torch.from_numpy(np.array(getattr(self.scaling, name))) for name in SCALING}
         header = {
             "format": FORMAT,
@@ -70,8 +71,8 @@ def load_policy(path: Path) -> Policy:
         raise damaged(path, FORMAT, f"header: {error}") from None
     task = TaskDescription.from_json(description)
     sizes = len(task.observation_bounds()[0]), task.action_size
-    network = Network(*sizes, architecture, torch.Generator(), squash=True)
-    for name, parameter in network.named_parameters().items():
+    network = Perceptron(*sizes, architecture, torch.Generator(), squash=True)
+    for name, parameter in network.state_dict().items():
         parameter.copy_(_tensor(tensors, f"network.{name}", parameter.shape, path))
     shapes = (sizes[0], sizes[0], sizes[1], sizes[1])
     scaling = (_tensor(tensors, name, (shape,), path).numpy() for name, shape in zip(SCALING, shapes, strict=True))

@@ -2,9 +2,9 @@
 
 from dataclasses import replace
 
-from rled_agent.architecture import Architecture
 from rled_agent.config import BehaviourConfig, ScheduleConfig, TrainConfig
-from rled_agent.learner import LearnerConfig
+from rled_agent.learners.td3 import LearnerConfig
+from rled_agent.nn.architecture import Architecture
 
 PANDA_BIASED = TrainConfig(
     behaviour=BehaviourConfig(phi=0.1, noise=0.5),

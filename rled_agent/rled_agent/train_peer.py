@@ -17,10 +17,10 @@ from rled_msgs_py.errors import RledError, command_line
 from rled_agent.config import MANY, SEEDS, TrainConfig, require_ranges
 from rled_agent.demonstrations import demonstration_points
 from rled_agent.environments import Environment, make_environment, task_of
+from rled_agent.nn.scaling import Scaling, scaling_of_points
 from rled_agent.progress import Progress
 from rled_agent.rollout import mean_result, roll_out
 from rled_agent.run_directory import RunDirectory
-from rled_agent.scaling import Scaling, scaling_of_points
 from rled_agent.trainer import EVALUATION_SEED
 
 

@@ -14,7 +14,7 @@ from rled_agent.config import TrainConfig
 from rled_agent.environments import Elsewhere, Environment
 from rled_agent.expertise import Expertise
 from rled_agent.interval import Interval
-from rled_agent.learner import Learner
+from rled_agent.learners.td3 import Learner
 from rled_agent.learning_state import pack, unpack
 from rled_agent.peer_behaviour import JumpStart, Proposal
 from rled_agent.replay import Batch, Replay

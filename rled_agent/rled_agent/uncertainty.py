@@ -9,8 +9,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from rled_agent.dropout import Generator
-from rled_agent.networks import Network
+from rled_agent.nn.dropout import Generator
+from rled_agent.nn.perceptron import Perceptron
 
 Measure = Literal["qcd", "iqr"]
 
@@ -92,11 +92,12 @@ class MonteCarlo:
         generator: draws the dropped units.
     """
 
-    def __init__(self, actor: Network, passes: int, generator: Generator) -> None:
+    def __init__(self, actor: Perceptron, passes: int, generator: Generator) -> None:
         self._actor, self._passes, self._generator = actor, passes, generator
 
     def __call__(self, observation: NDArray[np.float32]) -> Estimate:
         """Mean action and uncertainty in one state, normalised, shape (o,)."""
-        actions = self._actor.forward_once(torch.from_numpy(observation), self._passes, self._generator)
+        with torch.inference_mode():
+            actions = self._actor.forward_once(torch.from_numpy(observation), self._passes, self._generator)
         low, high, mean = spread(actions.numpy()[0])  # (N, n)
         return Estimate(mean.astype(np.float32), {name: measure(low, high) for name, measure in MEASURES.items()})

@@ -4,14 +4,15 @@ import copy
 import itertools
 import statistics
 import time
+from functools import partial
 
 import gymnasium
 import numpy as np
 import pytest
 import torch
-from rled_agent.architecture import Architecture
-from rled_agent.learner import Learner, LearnerConfig
-from rled_agent.networks import Network
+from rled_agent.learners.td3 import Learner, LearnerConfig
+from rled_agent.nn.architecture import Architecture
+from rled_agent.nn.perceptron import Perceptron
 from rled_agent.replay import Replay
 from rled_agent.uncertainty import MonteCarlo
 from torch import nn
@@ -75,7 +76,8 @@ def eager():
     actor = perceptron(OBSERVATION, ACTION, nn.Tanh())
     critics = nn.ModuleList(perceptron(OBSERVATION + ACTION, 1) for _ in range(2))
     target_actor, target_critics = copy.deepcopy(actor), copy.deepcopy(critics)
-    actor_adam, critic_adam = torch.optim.Adam(actor.parameters()), torch.optim.Adam(critics.parameters())
+    adam = partial(torch.optim.Adam, fused=True)  # as the learner has it
+    actor_adam, critic_adam = adam(actor.parameters()), adam(critics.parameters())
     replay = filled(Replay(OBSERVATION, ACTION, 10_000))
     generator, count = torch.Generator().manual_seed(0), 0
 
@@ -185,9 +187,10 @@ def test_the_learner_outpaces_stable_baselines_and_nears_the_matrix_products(fig
 
 def test_the_gate_costs_little_more_than_one_forward_pass(figure):
     generator = torch.Generator().manual_seed(0)
-    actor = Network(OBSERVATION, ACTION, Architecture(HIDDEN, dropout=0.1), generator, squash=True)
+    actor = Perceptron(OBSERVATION, ACTION, Architecture(HIDDEN, dropout=0.1), generator, squash=True)
     gate = MonteCarlo(actor, 30, np.random.default_rng(0))
     rows, row = torch.randn(30, OBSERVATION), np.zeros(OBSERVATION, dtype=np.float32)
-    seen = rates({"forward": lambda: actor.forward(rows), "gate": lambda: gate(row)}, steps=1_000)
+    forward = torch.inference_mode()(lambda: actor(rows))
+    seen = rates({"forward": forward, "gate": lambda: gate(row)}, steps=1_000)
     figure("gate_vs_forward", ratio(seen, "forward", "gate"))
     assert ratio(seen, "forward", "gate") <= 2.5

@@ -4,9 +4,10 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from rled_agent.networks import Architecture, Network
+from rled_agent.nn.architecture import Architecture
+from rled_agent.nn.perceptron import Perceptron
+from rled_agent.nn.scaling import scaling_of_bounds
 from rled_agent.policy import Policy
-from rled_agent.scaling import scaling_of_bounds
 from rled_sim.robots import ROBOTS
 from rled_sim.tasks import reach_task
 
@@ -15,7 +16,7 @@ DESCRIPTION = reach_task(ROBOTS["panda"]).description
 
 def untrained(path: Path, dropout: float) -> Path:
     """A policy with the networks of the thesis, never trained."""
-    network = Network(10, 7, Architecture(dropout=dropout), torch.Generator().manual_seed(0), squash=True)
+    network = Perceptron(10, 7, Architecture(dropout=dropout), torch.Generator().manual_seed(0), squash=True)
     limit = np.full(7, DESCRIPTION.max_delta)
     Policy(network, scaling_of_bounds(DESCRIPTION.observation_bounds(), (-limit, limit)), DESCRIPTION).save(path)
     return path

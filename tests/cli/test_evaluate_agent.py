@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rled_agent.architecture import Architecture
 from rled_agent.evaluation import Score
+from rled_agent.nn.architecture import Architecture
 from rled_agent.policy import Policy, load_policy
 from rled_sim.robots import ROBOTS
 from rled_sim.tasks import reach_task
@@ -52,7 +52,7 @@ def refused(evaluate: Callable[..., Path], capsys: pytest.CaptureFixture[str], t
 def idle(planar_expert: Path, tmp_path: Path) -> Path:
     """A policy that hardly moves."""
     policy = load_policy(planar_expert)
-    policy.network.parameters.mul_(1e-3)
+    policy.network.load_vector(1e-3 * policy.network.vector())
     Policy(policy.network, policy.scaling, policy.task).save(tmp_path / "idle.safetensors")
     return tmp_path / "idle.safetensors"
 
@@ -134,12 +134,12 @@ def test_the_same_seed_gives_the_same_results(evaluate, planar_expert, tmp_path)
 
 def test_weights_of_another_robot_are_refused(refused, planar_expert, tmp_path) -> None:
     import torch
-    from rled_agent.networks import Network
-    from rled_agent.scaling import scaling_of_bounds
+    from rled_agent.nn.perceptron import Perceptron
+    from rled_agent.nn.scaling import scaling_of_bounds
 
     task = reach_task(ROBOTS["panda"]).description
     limit = np.full(7, task.max_delta)
-    network = Network(10, 7, Architecture(hidden=(4,)), torch.Generator(), squash=True)
+    network = Perceptron(10, 7, Architecture(hidden=(4,)), torch.Generator(), squash=True)
     Policy(network, scaling_of_bounds(task.observation_bounds(), (-limit, limit)), task).save(tmp_path / "panda")
     for options in (["--expert", tmp_path / "panda"], ["--expert", planar_expert, "--agent", tmp_path / "panda"]):
         assert "is for robot panda; accepted: planar" in refused(*options)

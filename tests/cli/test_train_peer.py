@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from rled_agent.config import TrainConfig
 from rled_agent.environments import make_environment
-from rled_agent.scaling import Scaling
+from rled_agent.nn.scaling import Scaling
 from rled_agent.train_peer import Scaled
 
 from rled_agent import train_peer

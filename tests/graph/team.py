@@ -13,10 +13,10 @@ import numpy as np
 import torch
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rled_agent.architecture import Architecture
 from rled_agent.demonstrations import open_demonstrations
 from rled_agent.expert import ExpertConfig, clone_expert
-from rled_agent.networks import Network
+from rled_agent.nn.architecture import Architecture
+from rled_agent.nn.perceptron import Perceptron
 from rled_agent.policy import Policy, load_policy
 from rled_msgs_py.node import fresh_context, spin_until, subscribe
 from rled_msgs_py.processes import program
@@ -44,8 +44,8 @@ def actor_like(expert: Path, path: Path) -> Path:
     policy = load_policy(expert)
     settings = replace(policy.network.architecture, dropout=0.1)
     sizes = policy.network.sizes[0], policy.network.sizes[-1]
-    network = Network(*sizes, settings, torch.Generator(), squash=True)
-    network.parameters.copy_(policy.network.parameters)
+    network = Perceptron(*sizes, settings, torch.Generator(), squash=True)
+    network.load_state_dict(policy.network.state_dict())
     Policy(network, policy.scaling, policy.task).save(path)
     return path
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from rled_agent.architecture import Architecture
-from rled_agent.networks import Network
+from rled_agent.nn.architecture import Architecture
+from rled_agent.nn.perceptron import Perceptron
+from rled_agent.nn.scaling import scaling_of_bounds
 from rled_agent.policy import Policy, load_policy
-from rled_agent.scaling import scaling_of_bounds
 from rled_msgs_py.processes import program
 from rled_msgs_py.records import Actor, Level
 from rled_msgs_py.tick import Tick
@@ -104,7 +104,7 @@ def test_the_expert_does_not_learn(driven) -> None:
 def panda_weights(tmp_path_factory: pytest.TempPathFactory) -> Path:
     task = reach_task(ROBOTS["panda"]).description
     limit = np.full(7, task.max_delta)
-    network = Network(10, 7, Architecture(hidden=(4,), dropout=0.1), torch.Generator(), squash=True)
+    network = Perceptron(10, 7, Architecture(hidden=(4,), dropout=0.1), torch.Generator(), squash=True)
     path = tmp_path_factory.mktemp("panda") / "panda.safetensors"
     Policy(network, scaling_of_bounds(task.observation_bounds(), (-limit, limit)), task).save(path)
     return path

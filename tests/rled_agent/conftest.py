@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from rled_agent.architecture import Architecture
 from rled_agent.demonstrations import DemonstrationPoints, JoinedPoints, joined_points
-from rled_agent.networks import Network
+from rled_agent.nn.architecture import Architecture
+from rled_agent.nn.perceptron import Perceptron
+from rled_agent.nn.scaling import scaling_of_bounds
 from rled_agent.policy import Policy
-from rled_agent.scaling import scaling_of_bounds
 from rled_msgs_py.bags import Bag
 from rled_msgs_py.task import TaskDescription
 from rled_sim.robots import ROBOTS
@@ -55,7 +55,7 @@ def make_policy(task: TaskDescription) -> Callable[..., Policy]:
         settings = Architecture(**{"hidden": (8, 6)} | architecture)
         limit = np.full(task.action_size, task.max_delta)
         observation = task.observation_bounds()
-        network = Network(
+        network = Perceptron(
             len(observation[0]), task.action_size, settings, torch.Generator().manual_seed(seed), squash=True
         )
         return Policy(network, scaling_of_bounds(observation, (-limit, limit)), task)

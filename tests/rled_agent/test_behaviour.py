@@ -3,10 +3,10 @@ import math
 import numpy as np
 import pytest
 import torch
-from rled_agent.architecture import Architecture
 from rled_agent.behaviour import BiasedExploration, MonteCarloGate, Noise, actor_source, policy_source
-from rled_agent.networks import Network
-from rled_agent.scaling import scaling_of_bounds
+from rled_agent.nn.architecture import Architecture
+from rled_agent.nn.perceptron import Perceptron
+from rled_agent.nn.scaling import scaling_of_bounds
 from rled_agent.uncertainty import Estimate
 from rled_msgs_py.records import Actor
 
@@ -127,7 +127,7 @@ def test_noise_has_its_deviation_and_is_clipped():
 
 
 def test_an_actor_acts_without_dropout_and_its_action_outlives_the_next():
-    actor = Network(4, 2, Architecture(hidden=(16,), dropout=0.5), torch.Generator().manual_seed(0), squash=True)
+    actor = Perceptron(4, 2, Architecture(hidden=(16,), dropout=0.5), torch.Generator().manual_seed(0), squash=True)
     act = actor_source(actor)
     first = act(STATE)
     before = first.copy()

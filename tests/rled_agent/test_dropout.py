@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 import torch
-from rled_agent.dropout import dropout_masks
+from rled_agent.nn.dropout import dropout_masks
 
 MAKERS = [
     pytest.param(lambda seed: torch.Generator().manual_seed(seed), id="torch"),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from rled_agent.demonstrations import DemonstrationPoints, JoinedPoints
 from rled_agent.expert_rows import ExpertRows
-from rled_agent.scaling import Scaling
+from rled_agent.nn.scaling import Scaling
 from rled_msgs_py.errors import RledError
 from rled_sim.robots import ROBOTS
 from rled_sim.tasks import reach_task

@@ -3,10 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from rled_agent.architecture import Architecture
-from rled_agent.dropout import dropout_masks
-from rled_agent.learner import Learner, LearnerConfig
-from rled_agent.networks import Network
+from rled_agent.learners.td3 import Learner, LearnerConfig
+from rled_agent.nn.architecture import Architecture
+from rled_agent.nn.dropout import dropout_masks
+from rled_agent.nn.perceptron import Perceptron
 from rled_agent.replay import Batch
 from torch import Tensor
 from torch.nn import functional
@@ -44,15 +44,15 @@ class Reference:
         self.critic_adam = torch.optim.Adam(self.weights["critic"].values())
 
     @staticmethod
-    def parts(network: Network) -> dict[str, Tensor]:
-        return {name: each.clone() for name, each in network.named_parameters().items()}
+    def parts(network: Perceptron) -> dict[str, Tensor]:
+        return {name: each.clone() for name, each in network.state_dict().items()}
 
     def net(self, name: str, x: Tensor, member: int = 0, dropping: bool = False) -> Tensor:
         settings = self.config.actor if "actor" in name else self.config.critic
         masks = self.masks(len(x), settings) if dropping and settings.dropout else []
         for k in range(len(settings.hidden) + 1):
             weights = self.weights[name]
-            x = functional.linear(x, weights[f"{k}.weight"][member].T, weights[f"{k}.bias"][member, 0])
+            x = functional.linear(x, weights[f"weights.{k}"][member].T, weights[f"biases.{k}"][member, 0])
             if k < len(settings.hidden):
                 x = functional.relu(x)
                 if masks:
@@ -142,7 +142,7 @@ def test_updates_equal_those_of_autograd(config, demonstrated):
         learner.update(batch)
         reference.update(batch)
     for name, network in learner.networks().items():
-        for key, parameter in network.named_parameters().items():
+        for key, parameter in network.state_dict().items():
             expected = reference.weights[name][key].detach()
             torch.testing.assert_close(parameter, expected, rtol=1e-9, atol=1e-11, msg=f"{name}.{key}")
     assert torch.equal(learner.generator.get_state(), reference.drawing.get_state())
@@ -154,19 +154,19 @@ def linear(critics: int = 2, **settings: object) -> Learner:
     config = LearnerConfig(**{"critics": critics, "target_noise": 0.0, "critic_rate": 0.0, "tau": 0.0} | settings)
     learner = Learner(1, 1, replace(config, actor=flat, critic=flat), generator())
     for network in learner.networks().values():
-        network.parameters.zero_()
+        network.load_vector(0.0 * network.vector())
     return learner
 
 
 def set_target(learner: Learner, actor: tuple[float, float], *critics: tuple[float, float, float]) -> None:
     """Weights (w, b) of the target actor, and (w, v, b) of each target critic."""
-    parts = learner.target_actor.named_parameters()
-    parts["0.weight"].fill_(actor[0])
-    parts["0.bias"].fill_(actor[1])
-    parts = learner.target_critic.named_parameters()
+    parts = learner.target_actor.state_dict()
+    parts["weights.0"].fill_(actor[0])
+    parts["biases.0"].fill_(actor[1])
+    parts = learner.target_critic.state_dict()
     for member, (w, v, b) in enumerate(critics):
-        parts["0.weight"][member] = torch.tensor([[w], [v]])
-        parts["0.bias"][member] = b
+        parts["weights.0"][member] = torch.tensor([[w], [v]])
+        parts["biases.0"][member] = b
 
 
 def y(learner: Learner, reward: float, terminated: bool, following: float) -> float:
@@ -255,7 +255,7 @@ def test_actor_and_targets_wait_for_the_delay():
     learner = Learner(OBSERVATION, ACTION, replace(TD3, delay=3), generator())
 
     def weights() -> dict[str, Tensor]:
-        return {name: network.parameters.clone() for name, network in learner.networks().items()}
+        return {name: torch.from_numpy(network.vector()) for name, network in learner.networks().items()}
 
     before = weights()
     for batch in batches(2):
@@ -268,28 +268,28 @@ def test_actor_and_targets_wait_for_the_delay():
 
 def test_targets_move_the_share_tau_of_the_way():
     learner = linear(delay=1, tau=0.25, actor_rate=0.0)
-    learner.actor.parameters.fill_(4.0)
-    learner.critic.parameters.fill_(-8.0)
+    learner.actor.load_vector(np.full(2, 4.0, np.float32))
+    learner.critic.load_vector(np.full(6, -8.0, np.float32))
     learner.update(Batch(torch.zeros(3, 5), 1, 1))
-    assert (learner.target_actor.parameters == 1.0).all()
-    assert (learner.target_critic.parameters == -2.0).all()
+    assert (learner.target_actor.vector() == 1.0).all()
+    assert (learner.target_critic.vector() == -2.0).all()
 
 
 def test_targets_begin_as_copies():
     learner = Learner(OBSERVATION, ACTION, TD3, generator())
-    assert torch.equal(learner.actor.parameters, learner.target_actor.parameters)
-    assert torch.equal(learner.critic.parameters, learner.target_critic.parameters)
-    assert learner.actor.parameters.data_ptr() != learner.target_actor.parameters.data_ptr()
+    assert (learner.actor.vector() == learner.target_actor.vector()).all()
+    assert (learner.critic.vector() == learner.target_critic.vector()).all()
+    assert learner.actor.weights[0].data_ptr() != learner.target_actor.weights[0].data_ptr()
 
 
 def test_twin_critics_begin_apart():
-    weight = Learner(OBSERVATION, ACTION, TD3, generator()).critic.named_parameters()["0.weight"]
+    weight = Learner(OBSERVATION, ACTION, TD3, generator()).critic.weights[0]
     assert not torch.equal(weight[0], weight[1])
 
 
 def test_metrics_are_the_loss_and_the_value_before_the_step():
     learner, (batch,) = Learner(OBSERVATION, ACTION, replace(DDPG, gamma=0.0), generator()), batches(1)
-    q = learner.critic.forward(torch.cat([batch.observation, batch.action], dim=1)).clone()
+    q = learner.critic(torch.cat([batch.observation, batch.action], dim=1)).detach()
     metrics = learner.update(batch)
     assert metrics.q == pytest.approx(float(q.mean()), rel=1e-4)
     assert metrics.critic_loss == pytest.approx(float((q[0] - batch.reward).square().mean()), rel=1e-5)
@@ -327,4 +327,4 @@ def test_learning_finds_the_best_action_of_a_bandit():
         a = torch.rand(64, 1, generator=drawing) * 2 - 1
         rows = torch.cat([torch.zeros(64, 1), a, -(a - 0.4).square(), torch.ones(64, 1), torch.zeros(64, 1)], dim=1)
         learner.update(Batch(rows, 1, 1))
-    assert float(learner.actor.forward(torch.zeros(1, 1))[0, 0, 0]) == pytest.approx(0.4, abs=0.1)
+    assert learner.actor(torch.zeros(1, 1)).item() == pytest.approx(0.4, abs=0.1)

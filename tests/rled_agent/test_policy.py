@@ -50,7 +50,7 @@ def test_a_policy_comes_back_bit_for_bit(path, make_policy, settings):
 
 def test_actions_are_physical_and_bounded(make_policy):
     policy = make_policy()
-    policy.network.parameters.mul_(100.0)
+    policy.network.load_vector(100.0 * policy.network.vector())
     actions = policy.act(10 * OBSERVATIONS)
     assert np.abs(actions).max() == pytest.approx(policy.task.max_delta)
 
@@ -66,8 +66,8 @@ def test_one_observation_or_a_batch_gives_the_same(make_policy):
 
 def test_acting_takes_the_observation_through_the_scaling(make_policy):
     policy = make_policy()
-    policy.network.parameters.zero_()
-    policy.network.named_parameters()["2.bias"].copy_(torch.tensor([[[0.5, -0.5]]]))
+    policy.network.load_vector(0.0 * policy.network.vector())
+    policy.network.state_dict()["biases.2"].copy_(torch.tensor([[[0.5, -0.5]]]))
     np.testing.assert_allclose(policy.act(OBSERVATIONS[0]), 0.1 * np.tanh([0.5, -0.5]), rtol=1e-6)
 
 
@@ -88,8 +88,8 @@ def test_a_truncated_policy_is_refused(path, make_policy):
 @pytest.mark.parametrize(
     ("header", "what"),
     [
-        ({"version": "2"}, "is rled-policy 2; accepted: rled-policy 1"),
-        ({"format": "another"}, "is another 1; accepted: rled-policy 1"),
+        ({"version": "1"}, "is rled-policy 1; accepted: rled-policy 2"),
+        ({"format": "another"}, "is another 2; accepted: rled-policy 2"),
         ({"format": None}, "of no format"),
         ({"architecture": None}, "damaged"),
         ({"architecture": "{"}, "damaged"),
@@ -107,8 +107,8 @@ def test_another_version_or_a_damaged_header_is_refused(changed, header, what):
 @pytest.mark.parametrize(
     ("tensors", "what"),
     [
-        ({"network.0.weight": torch.zeros(1, 5, 8)}, r"\(1, 5, 8\) as network.0.weight; accepted: \(1, 4, 8\)"),
-        ({"network.1.bias": None}, r"nothing as network.1.bias; accepted: \(1, 1, 6\)"),
+        ({"network.weights.0": torch.zeros(1, 5, 8)}, r"\(1, 5, 8\) as network.weights.0; accepted: \(1, 4, 8\)"),
+        ({"network.biases.1": None}, r"nothing as network.biases.1; accepted: \(1, 1, 6\)"),
         ({"observation_scale": torch.ones(3)}, r"\(3,\) as observation_scale; accepted: \(4,\)"),
     ],
 )
@@ -119,7 +119,7 @@ def test_weights_of_another_shape_are_refused(changed, tensors, what):
 
 def test_a_header_of_another_architecture_is_refused(changed, make_policy):
     wider = asdict(replace(make_policy().network.architecture, hidden=(9, 6)))
-    with pytest.raises(CheckpointError, match=r"network.0.weight"):
+    with pytest.raises(CheckpointError, match=r"network.weights.0"):
         load_policy(changed({"architecture": json.dumps(wider)}))
 
 

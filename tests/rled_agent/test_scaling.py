@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from rled_agent.scaling import scaling_of_bounds, scaling_of_points, scaling_of_samples
+from rled_agent.nn.scaling import scaling_of_bounds, scaling_of_points, scaling_of_samples
 from rled_msgs_py.errors import RledError
 from rled_sim.robots import ROBOTS
 from rled_sim.tasks import reach_task

@@ -7,14 +7,14 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
-from rled_agent.architecture import Architecture
 from rled_agent.behaviour import MonteCarloGate
 from rled_agent.checkpoint import Checkpoint, CheckpointError, read_checkpoint, write_checkpoint
 from rled_agent.config import BehaviourConfig, ScheduleConfig, TrainConfig
 from rled_agent.environments import make_environment
 from rled_agent.expertise import Expertise, no_expertise, read_expertise
-from rled_agent.learner import LearnerConfig
-from rled_agent.scaling import scaling_of_bounds
+from rled_agent.learners.td3 import LearnerConfig
+from rled_agent.nn.architecture import Architecture
+from rled_agent.nn.scaling import scaling_of_bounds
 from rled_agent.trainer import DivergenceError, Trainer
 from rled_msgs_py.bags import Bag
 from rled_msgs_py.errors import ContractError, RledError
@@ -91,7 +91,7 @@ def test_same_seed_gives_the_same_state(make, config):
     one, same = (run(make(config), 150).checkpoint() for _ in range(2))
     assert_same(one, same)
     other = run(make(replace(config, seed=1)), 150).checkpoint()
-    assert not torch.equal(other.tensors["actor.parameters"], one.tensors["actor.parameters"])
+    assert not torch.equal(other.tensors["actor.weights.0"], one.tensors["actor.weights.0"])
 
 
 @pytest.mark.parametrize("cut", [130, 200])
@@ -109,7 +109,8 @@ def test_a_run_continues_from_a_checkpoint_bit_for_bit(make, config, cut, tmp_pa
 def test_a_checkpoint_is_taken_where_an_episode_has_just_begun(make, tmp_path):
     still = replace(PLAIN, behaviour=BehaviourConfig(phi=0.0, noise=0.0), learner=replace(LEARNER, actor_rate=0.0))
     trainer = make(still)
-    trainer.learner.actor.parameters.zero_()  # it stands still, so the episode is cut after 100 steps
+    # it stands still, so the episode is cut after 100 steps
+    trainer.learner.actor.load_vector(0.0 * trainer.learner.actor.vector())
     run(trainer, 100)
     assert len(trainer.interval.episodes) == 1
     write_checkpoint(tmp_path / "c.safetensors", trainer.checkpoint())
@@ -183,7 +184,7 @@ def test_transitions_are_stored_normalised_and_in_order(make):
 def test_a_truncated_episode_is_stored_as_one_that_goes_on(make):
     still = replace(PLAIN, behaviour=BehaviourConfig(phi=0.0, noise=0.0), schedule=replace(SCHEDULE, train_after=1000))
     trainer = make(still)
-    trainer.learner.actor.parameters.zero_()
+    trainer.learner.actor.load_vector(0.0 * trainer.learner.actor.vector())
     run(trainer, 100)
     assert len(trainer.interval.episodes) == 1
     assert trainer.replay.rows[99, 7] == 0.0

@@ -3,9 +3,9 @@ import math
 import numpy as np
 import pytest
 import torch
-from rled_agent.architecture import Architecture
-from rled_agent.dropout import dropout_masks
-from rled_agent.networks import Network
+from rled_agent.nn.architecture import Architecture
+from rled_agent.nn.dropout import dropout_masks
+from rled_agent.nn.perceptron import Perceptron
 from rled_agent.uncertainty import MonteCarlo, iqr, qcd, spread
 
 
@@ -52,20 +52,20 @@ def test_iqr_is_a_share_of_the_action_range():
 
 
 @pytest.fixture
-def actor() -> Network:
+def actor() -> Perceptron:
     settings = Architecture(hidden=(16, 12), dropout=0.3)
-    return Network(4, 2, settings, torch.Generator().manual_seed(0), squash=True)
+    return Perceptron(4, 2, settings, torch.Generator().manual_seed(0), squash=True)
 
 
-def passes_one_by_one(actor: Network, observation: np.ndarray, passes: int, seed: int) -> np.ndarray:
+def passes_one_by_one(actor: Perceptron, observation: np.ndarray, passes: int, seed: int) -> np.ndarray:
     """Each pass by itself, with the units dropped that the generator says, in plain numpy."""
     masks = [each.numpy() for each in dropout_masks([(passes, 16), (passes, 12)], 0.3, np.random.default_rng(seed))]
-    weights = {name: each[0].numpy().astype(np.float64) for name, each in actor.named_parameters().items()}
+    weights = {name: each[0].numpy().astype(np.float64) for name, each in actor.state_dict().items()}
     actions = []
     for k in range(passes):
         h = observation.astype(np.float64)
         for layer in range(3):
-            h = h @ weights[f"{layer}.weight"] + weights[f"{layer}.bias"][0]
+            h = h @ weights[f"weights.{layer}"] + weights[f"biases.{layer}"][0]
             if layer < 2:
                 h = np.maximum(h, 0.0) * masks[layer][k]
         actions.append(np.tanh(h))
@@ -98,6 +98,6 @@ def test_the_mean_outlives_the_next_pass(actor):
 
 
 def test_an_actor_without_dropout_is_sure():
-    actor = Network(4, 2, Architecture(hidden=(8,)), torch.Generator().manual_seed(0), squash=True)
+    actor = Perceptron(4, 2, Architecture(hidden=(8,)), torch.Generator().manual_seed(0), squash=True)
     estimate = MonteCarlo(actor, 30, np.random.default_rng(0))(np.ones(4, dtype=np.float32))
     assert estimate.uncertainty == {"qcd": 0.0, "iqr": 0.0}

@@ -1,0 +1,1 @@
+"""Networks in plain PyTorch: perceptrons with a population dimension, dropout by generator, scaling."""
