@@ -3,8 +3,10 @@
 import functools
 import os
 import select
+import shlex
 import sys
 from collections.abc import Callable
+from pathlib import Path
 
 
 class RledError(Exception):
@@ -27,6 +29,11 @@ class RledError(Exception):
 
 class ContractError(RledError):
     """A record, a message or a description that breaks the contract."""
+
+
+def command(*words: str | Path) -> str:
+    """A command to paste into a shell, as in a remedy: ``command("demos", "repair", path)``."""
+    return shlex.join(map(str, words))
 
 
 def command_line(main: Callable[[], None]) -> Callable[[], None]:

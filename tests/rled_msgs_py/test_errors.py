@@ -1,11 +1,13 @@
 """An error of a user is one line."""
 
 import pickle
+import shlex
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
-from rled_msgs_py.errors import ContractError, RledError, command_line
+from rled_msgs_py.errors import ContractError, RledError, command, command_line
 
 
 def test_message_says_what_is_accepted_and_the_remedy():
@@ -83,3 +85,9 @@ def test_another_pipe_that_breaks_is_still_an_error():
     command = subprocess.run([sys.executable, "-c", BROKEN_ELSEWHERE], capture_output=True, text=True, timeout=10)
     assert (command.returncode, command.stdout) == (2, "said before\n")
     assert "Broken pipe" in command.stderr
+
+
+def test_a_command_in_a_remedy_survives_a_shell():
+    said = command("demos", "info", Path("/data/it's mine; $HOME"))
+    assert shlex.split(said) == ["demos", "info", "/data/it's mine; $HOME"]
+    assert command("demos", "repair", Path("bags/one")) == "demos repair bags/one"
