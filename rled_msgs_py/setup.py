@@ -21,7 +21,6 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
-            "repair_bag = rled_msgs_py.starting:rled_msgs_py.repair_bag",
             "security_policy = rled_msgs_py.starting:rled_msgs_py.security_policy",
         ]
     },

@@ -6,6 +6,7 @@ from pathlib import Path
 import tyro
 from rled_msgs_py.bags import Bag, Review, review
 from rled_msgs_py.bags.faults import NO_ORDER, Fault
+from rled_msgs_py.errors import command
 
 
 @dataclass(frozen=True)
@@ -41,15 +42,16 @@ def remedy(fault: Fault, found: Review, path: Path) -> str:
     """The command that leaves a faulty part out."""
     numbers = found.episodes_of(fault)
     begin, end = found.seconds(fault.first), found.seconds(fault.last)
+    trim = command("demos", "trim", path)
     if fault.kind == NO_ORDER and end > begin:
         where = f"{(begin + end) / 2.0:.3f}"
-        return f"keep one part with: demos trim {path} --to {where} --output NEW (or --from {where})"
+        return f"keep one part with: {trim} --to {where} --output NEW (or --from {where})"
     if numbers and len(numbers) < len(found.episodes):
         chosen = ",".join(map(str, numbers))
-        return f"leave it out with: demos drop {path} --episodes {chosen} --output NEW"
+        return f"leave it out with: {command('demos', 'drop', path)} --episodes {chosen} --output NEW"
     if begin > 0.0:
-        return f"keep what is before it with: demos trim {path} --to {begin:.3f} --output NEW"
-    return f"keep what is after it with: demos trim {path} --from {end + 0.001:.3f} --output NEW, or record it again"
+        return f"keep what is before it with: {trim} --to {begin:.3f} --output NEW"
+    return f"keep what is after it with: {trim} --from {end + 0.001:.3f} --output NEW, or record it again"
 
 
 def _episodes(numbers: list[int]) -> str:

@@ -79,17 +79,17 @@ class Drop:
 
 @dataclass(frozen=True)
 class Repair:
-    """Complete a bag whose recorder was killed, or save what is whole of a damaged one. Changes the bag in place."""
+    """Complete a bag whose recorder was killed, or save what is whole of a damaged one.
+
+    Changes the bag in place; a file of which something is lost is kept beside its successor.
+    """
 
     bag: tyro.conf.Positional[Path]
     """rosbag2 folder or .mcap file"""
 
     def run(self) -> int:
         """Repair; returns the exit code."""
-        messages, lost = repair(self.bag)
-        for part in lost:
-            print(f"lost: {part}")
-        print(f"{self.bag} is complete and holds {messages} messages")
+        print("\n".join(repair(self.bag).lines(self.bag)))
         return 0
 
 

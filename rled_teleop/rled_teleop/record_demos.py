@@ -1,7 +1,6 @@
 """Command: record a demonstration from the topics into a bag; with an operator named, everything is started."""
 
 import shlex
-import shutil
 import sys
 import time
 from collections.abc import Iterator
@@ -67,10 +66,10 @@ def opened(bag: BagWriter) -> Iterator[BagWriter]:
         raise
     except RledError:
         if not (bag.counts[JOINT_DELTA.name] or bag.counts[MARKED_JOINT_STATES.name]):
-            shutil.rmtree(bag.path)
+            bag.remove()
         raise
     if not bag.counts.total():
-        shutil.rmtree(bag.path)
+        bag.remove()
         raise RledError("nothing was recorded", "", "is a simulation running in this ROS_DOMAIN_ID?")
 
 

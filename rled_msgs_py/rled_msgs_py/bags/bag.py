@@ -171,7 +171,8 @@ class Bag:
         return texts.pop()
 
     def _find_namespace(self) -> str:
-        names = {topic.name for file in self._files for topic in file.topics.values()}
+        topics = [topic for file in self._files for topic in file.topics.values()]
+        names = {topic.name for topic in topics if topic.type == TASK_DESCRIPTION.type}
         found = sorted(name for name in names if name.endswith(f"/{TASK_DESCRIPTION.name}"))
         if len(found) > 1:
             raise BagError(f"{self.path} holds several robots: {', '.join(found)}", "one robot in a bag")

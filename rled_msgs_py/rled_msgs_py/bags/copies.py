@@ -5,23 +5,23 @@ that the gap is no fault.
 """
 
 import json
-import shutil
-import tempfile
-from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from rled_msgs_py.bags.bag import Bag
-from rled_msgs_py.bags.episodes import CUTS, Episode, cuts, episodes, legs
-from rled_msgs_py.bags.error import BagError
+from rled_msgs_py.bags.episodes import CUTS, Episode, cuts, episodes, event_of, legs
+from rled_msgs_py.bags.error import BagError, Unwritten
 from rled_msgs_py.bags.header import sim_stamp
+from rled_msgs_py.bags.holding import require_idle, temporary_folder
 from rled_msgs_py.bags.series import going_on, series
 from rled_msgs_py.bags.stream import Message
 from rled_msgs_py.bags.timeline import Timeline, timeline
-from rled_msgs_py.bags.writer import BagWriter, require_replaceable
+from rled_msgs_py.bags.writer import BagWriter, making_way, require_replaceable
+from rled_msgs_py.errors import command
 from rled_msgs_py.messages import NANOSECONDS, decode
 from rled_msgs_py.records import Text
 from rled_msgs_py.tick import STATE_NAMES
@@ -79,7 +79,7 @@ def trim(bag: Bag, output: Path, begin: float, end: float, report: Report, *, ov
 
     def stays(each: Dated) -> bool:
         if each.name == EPISODE_EVENTS.name:
-            return _event(each.message)["episode"] in of
+            return _episode_of(bag, each) in of
         return each.name in DESCRIPTIONS or first <= each.moment < stop
 
     return _copy(bag, output, stays, cuts(bag), report, overwrite)
@@ -96,7 +96,7 @@ def drop(bag: Bag, output: Path, numbers: Collection[int], report: Report, *, ov
     unknown = sorted(set(numbers) - set(found))
     if unknown:
         accepted = f"{min(found)} to {max(found)}" if found else "none: the bag has no episodes"
-        raise BagError(f"{bag.path} has no episode {unknown[0]}", accepted, f"see them with: demos info {bag.path}")
+        raise BagError(f"{bag.path} has no episode {unknown[0]}", accepted, _look_at(bag))
     has_events = bool(bag.counts[EPISODE_EVENTS.name])
     starts = {leg.first for leg in legs(line, cuts(bag))}
     spans = _joined([_span(found[number], line, starts, has_events) for number in sorted(set(numbers))])
@@ -104,7 +104,7 @@ def drop(bag: Bag, output: Path, numbers: Collection[int], report: Report, *, ov
     def stays(each: Dated) -> bool:
         name, moment, _ = each
         if name == EPISODE_EVENTS.name:
-            return _event(each.message)["episode"] not in numbers
+            return _episode_of(bag, each) not in numbers
         if name in DESCRIPTIONS:
             return True
         # the state that a motion begins with is where the one before it arrived
@@ -113,6 +113,10 @@ def drop(bag: Bag, output: Path, numbers: Collection[int], report: Report, *, ov
 
     gone = [_gap(line, span, has_events) for span in spans]
     return _copy(bag, output, stays, sorted(cuts(bag) + gone), report, overwrite)
+
+
+def _look_at(bag: Bag) -> str:
+    return f"see what it holds with: {command('demos', 'info', bag.path)}"
 
 
 def _span(episode: Episode, line: Timeline, starts: set[int], has_events: bool) -> tuple[int, int]:
@@ -140,11 +144,11 @@ def _gap(line: Timeline, span: tuple[int, int], has_events: bool) -> tuple[int, 
     return int(before), int(line.moments[min(stop, len(line.moments) - 1)])
 
 
-def _event(message: Message) -> dict[str, Any]:
-    record = decode(EPISODE_EVENTS, message.data)
+def _episode_of(bag: Bag, each: Dated) -> int:
+    record = decode(EPISODE_EVENTS, each.message.data)
     assert isinstance(record, Text)
-    found: dict[str, Any] = json.loads(record.data)
-    return found
+    number: int = event_of(bag.path, record.data)["episode"]
+    return number
 
 
 def _copy(
@@ -152,7 +156,7 @@ def _copy(
 ) -> int:
     metadata = {**bag.metadata, **({CUTS: json.dumps(taken_out)} if taken_out else {})}
     copied = 0
-    with whole(output, metadata, overwrite) as writer:
+    with whole(output, metadata, overwrite, [bag]) as writer:
         for each in dated(bag):
             report(1)
             if stays(each):
@@ -160,26 +164,47 @@ def _copy(
                 writer.copy(message.topic, message.data, message.log_time, message.publish_time)
                 copied += each.name not in DESCRIPTIONS
         if not copied:
-            raise BagError(f"nothing of {bag.path} is left", "a stretch with messages", "see demos info")
+            raise BagError(f"nothing of {bag.path} is left", "a stretch with messages", _look_at(bag))
         return int(writer.counts.total())
 
 
 @contextmanager
-def whole(output: Path, metadata: Mapping[str, str], overwrite: bool) -> Iterator[BagWriter]:
-    """Write a bag that takes its name when the block ends without an error."""
+def whole(
+    output: Path, metadata: Mapping[str, str], overwrite: bool, sources: Iterable[Bag] = ()
+) -> Iterator[BagWriter]:
+    """Write a bag that takes its name when the block ends without an error.
+
+    Raises:
+        BagError: something is there that may not be replaced or is one of the sources, or it cannot be written.
+    """
     output = Path(output)
-    if output.exists():
-        require_replaceable(output, overwrite)
+    _require_other(output, sources)
+    with ExitStack() as stack:
+        with _located(output):
+            if output.exists():
+                require_replaceable(output, overwrite)
+                require_idle(output)
+            output.parent.mkdir(parents=True, exist_ok=True)
+            made = stack.enter_context(temporary_folder(output)) / output.name
+        try:
+            with BagWriter(made, metadata=metadata) as writer:
+                yield writer
+        except Unwritten as error:
+            raise BagError(f"writing {output} failed: {error.reason}; nothing has changed", "", "free space") from error
+        with _located(output), making_way(output, overwrite):
+            made.rename(output)
+
+
+@contextmanager
+def _located(output: Path) -> Iterator[None]:
     try:
-        output.parent.mkdir(parents=True, exist_ok=True)
-        room = Path(tempfile.mkdtemp(prefix=f".{output.name}-", dir=output.parent))
+        yield
     except OSError as error:
         raise BagError(f"the folder {output} cannot be made: {error.strerror}") from None
-    try:
-        with BagWriter(room / output.name, metadata=metadata) as writer:
-            yield writer
-        if output.exists():
-            shutil.rmtree(output)
-        (room / output.name).rename(output)
-    finally:
-        shutil.rmtree(room, ignore_errors=True)
+
+
+def _require_other(output: Path, sources: Iterable[Bag]) -> None:
+    for bag in sources:
+        folder = bag.path if bag.path.is_dir() else bag.path.parent
+        if output.exists() and output.samefile(folder):
+            raise BagError(f"{output} is the bag that is read", "another folder for the new bag", "choose another name")

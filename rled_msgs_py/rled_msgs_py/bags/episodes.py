@@ -6,7 +6,8 @@ episode for each target that was gone for. What comes before the last mark, of a
 no way to a target.
 """
 
-import json
+from itertools import chain
+from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -15,11 +16,14 @@ from rled_msgs_py.bags.bag import Bag
 from rled_msgs_py.bags.error import BagError
 from rled_msgs_py.bags.series import Times, series
 from rled_msgs_py.bags.timeline import Timeline
+from rled_msgs_py.errors import ContractError
+from rled_msgs_py.foreign import read_json
 from rled_msgs_py.records import Text
 from rled_msgs_py.topics import EPISODE_EVENTS, MARKED_JOINT_STATES
 
 EVENTS = ("start", "stop", "keep", "discard")
 FOREVER = 2**63 - 1
+MAX_EPISODE = 2**31
 CUTS = "cuts"
 """Key of the metadata that lists where parts were taken out of a bag on purpose: pairs of moments (ns), JSON."""
 
@@ -100,7 +104,7 @@ def events(bag: Bag) -> list[dict[str, Any]]:
     Raises:
         BagError: one cannot be read.
     """
-    return [_event(bag, cast(Text, record).data) for record in bag.records(EPISODE_EVENTS)]
+    return [event_of(bag.path, cast(Text, record).data) for record in bag.records(EPISODE_EVENTS)]
 
 
 def cuts(bag: Bag) -> list[tuple[int, int]]:
@@ -109,10 +113,14 @@ def cuts(bag: Bag) -> list[tuple[int, int]]:
     Raises:
         BagError: the metadata cannot be read.
     """
+    text = bag.metadata.get(CUTS, "[]")
     try:
-        return [(int(before), int(after)) for before, after in json.loads(bag.metadata.get(CUTS, "[]"))]
-    except (ValueError, TypeError):
-        raise BagError(f"{bag.path} has the {CUTS} '{bag.metadata[CUTS]}'", "a list of pairs of moments (ns)") from None
+        found = [(before, after) for before, after in read_json(text, CUTS)]
+        if all(map(_is_moment, chain.from_iterable(found))):
+            return found
+    except (ContractError, ValueError, TypeError):
+        pass
+    raise BagError(f"{bag.path} has the {CUTS} '{text[:80]}'", "a list of pairs of moments (ns)")
 
 
 def discarded(bag: Bag) -> list[tuple[int, int]]:
@@ -124,15 +132,25 @@ def discarded(bag: Bag) -> list[tuple[int, int]]:
     return [(span.first, span.last) for span in _spans(events(bag)) if not span.kept]
 
 
-def _event(bag: Bag, text: str) -> dict[str, Any]:
+def event_of(path: Path, text: str) -> dict[str, Any]:
+    """Read an event.
+
+    Raises:
+        BagError: it cannot be read; names the bag.
+    """
     try:
-        event: dict[str, Any] = json.loads(text)
-        if event["event"] in EVENTS and isinstance(event["episode"], int) and isinstance(event["stamp"], int):
+        event: dict[str, Any] = read_json(text, EPISODE_EVENTS.name)
+        number, stamp = event["episode"], event["stamp"]
+        if event["event"] in EVENTS and _is_moment(stamp) and type(number) is int and 0 <= number <= MAX_EPISODE:
             return event
-    except (ValueError, KeyError, TypeError, RecursionError):
+    except (ContractError, KeyError, TypeError):
         pass
     accepted = f"JSON with event ({', '.join(EVENTS)}), episode and stamp"
-    raise BagError(f"{bag.path} has the message '{text[:80]}' on {EPISODE_EVENTS.name}", accepted) from None
+    raise BagError(f"{path} has the message '{text[:80]}' on {EPISODE_EVENTS.name}", accepted)
+
+
+def _is_moment(value: Any) -> bool:
+    return type(value) is int and abs(value) < FOREVER
 
 
 def _spans(found: list[dict[str, Any]]) -> list[Episode]:

@@ -1,7 +1,9 @@
 """The chunks of an MCAP file: runs of records packed as one, with a checksum."""
 
 import threading
+from collections.abc import Iterable
 from mmap import mmap
+from pathlib import Path
 from struct import Struct
 from typing import NamedTuple
 from zlib import crc32
@@ -10,12 +12,17 @@ import lz4.frame
 import zstandard
 from mcap.opcode import Opcode
 
-from rled_msgs_py.bags.error import Damage
+from rled_msgs_py.bags.error import Damage, ForeignBag
 from rled_msgs_py.bags.mcap_records import HEAD
 
 CHUNK_HEAD = Struct("<QQQII")
 LENGTH = Struct("<Q")
-LARGEST = 1 << 31
+LARGEST = 1 << 30
+"""Bytes of a chunk; recorders make chunks of some megabytes, few of some hundred."""
+SMALL_CHUNK, SMALL_FILE = 32 << 20, 256 << 20
+"""Bytes up to which a chunk, and all chunks of a file, may be packed as well as can be."""
+CHUNK_RATIO, FILE_RATIO = 100, 500
+"""How many times as large they may become beyond that; states and images of a camera become 2 to 50 times as large."""
 ZSTD = "zstd"
 ZSTD_OVERHEAD = HEAD.size + CHUNK_HEAD.size + len(ZSTD) + LENGTH.size
 """Bytes of a chunk's record beside its packed content."""
@@ -72,6 +79,22 @@ def chunk_record(records: bytes | bytearray, first: int, last: int, packer: zsta
     return b"".join((HEAD.pack(Opcode.CHUNK, len(head) + len(content)), head, content))
 
 
+def require_measure(chunks: Iterable[Chunk], size: int, path: Path) -> None:
+    """See that what is packed in a file is in proportion to it, before any of it is unpacked.
+
+    Args:
+        chunks: of the file.
+        size: bytes of the file.
+        path: its name, for the error.
+
+    Raises:
+        ForeignBag: it is not.
+    """
+    total, most = sum(chunk.size for chunk in chunks), max(SMALL_FILE, FILE_RATIO * size)
+    if total > most:
+        raise ForeignBag(f"{path} claims to hold {total} bytes in its {size}", f"{most} bytes at most")
+
+
 def unpack(data: mmap | bytes, chunk: Chunk) -> bytes:
     """The records of a chunk.
 
@@ -79,8 +102,8 @@ def unpack(data: mmap | bytes, chunk: Chunk) -> bytes:
         Damage: they cannot be unpacked, or their checksum differs.
     """
     where = f"the chunk at byte {chunk.start}"
-    if chunk.size > LARGEST:
-        raise Damage(f"{where} claims {chunk.size} bytes")
+    if chunk.size > min(LARGEST, max(SMALL_CHUNK, CHUNK_RATIO * (chunk.stop - chunk.start))):
+        raise Damage(f"{where} claims to hold {chunk.size} bytes in its {chunk.stop - chunk.start}")
     try:
         records = _unpacked(data[chunk.start : chunk.stop], chunk)
     except (zstandard.ZstdError, RuntimeError, MemoryError) as error:

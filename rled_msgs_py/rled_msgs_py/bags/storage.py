@@ -12,12 +12,13 @@ class BagTopic(NamedTuple):
 
     Attributes:
         name: absolute name.
-        type: message type, ``package/msg/Type``.
+        type: message type, ``package/msg/Type``; whatever a foreign recorder writes, or empty.
         encoding: of the messages, ``cdr``.
-        definition: text of the message definition.
+        definition: text of the message definition; bytes that are no UTF-8 are kept as surrogates.
         definition_encoding: of that text, ``ros2msg``.
         hash: REP 2016 hash of the type, or empty.
-        qos: offered quality of service, YAML as rosbag2 writes it.
+        qos: offered quality of service, YAML as rosbag2 writes it, or empty.
+        details: whatever else a foreign recorder says of it, by name.
     """
 
     name: str
@@ -27,6 +28,7 @@ class BagTopic(NamedTuple):
     definition_encoding: str
     hash: str
     qos: str
+    details: tuple[tuple[str, str], ...] = ()
 
 
 class Messages(NamedTuple):
