@@ -1,4 +1,4 @@
-"""What callers give an environment as an action, as plain numbers."""
+"""What callers give an environment: actions, as plain numbers, and options."""
 
 from typing import Any
 
@@ -28,3 +28,15 @@ def action_array(action: Any, size: int) -> NDArray[np.float64]:
 def _refused(action: Any, size: int) -> RledError:
     shape = f", of shape {action.shape}" if isinstance(action, np.ndarray) else ""
     return RledError(f"action {' '.join(repr(action).split())[:80]}{shape}", f"{size} finite numbers (rad)")
+
+
+def refuse_options(options: dict[str, Any] | None) -> None:
+    """Refuse options of a reset: these environments have none.
+
+    Raises:
+        RledError: names them.
+    """
+    if options:
+        raise RledError(
+            f"reset options {', '.join(map(str, options))}", "none", "give them when the environment is made"
+        )

@@ -10,25 +10,13 @@ from rled_msgs_py.errors import RledError
 from rled_msgs_py.limits import NO_LIMITS, Limits
 from rled_msgs_py.task import Reward
 
-from rled_sim.action import action_array
+from rled_sim.action import action_array, refuse_options
 from rled_sim.robots import robot_named
 from rled_sim.simulation import Simulation
 from rled_sim.tasks import reach_task
 from rled_sim.world import Transition, World, has_display
 
 Floats = NDArray[np.float32]
-
-
-def refuse_options(options: dict[str, Any] | None) -> None:
-    """Refuse options of a reset: these environments have none.
-
-    Raises:
-        RledError: names them.
-    """
-    if options:
-        raise RledError(
-            f"reset options {', '.join(map(str, options))}", "none", "give them when the environment is made"
-        )
 
 
 class ReachEnv(gymnasium.Env[Floats, Floats]):
