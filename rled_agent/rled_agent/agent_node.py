@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rclpy.clock import Clock, ClockType
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rled_msgs_py.command_output import CommandOutput
 from rled_msgs_py.errors import ContractError, RledError
 from rled_msgs_py.life import watch_life
@@ -34,11 +35,12 @@ from rled_sim.kinematics import Chain
 from rled_sim.limits import Guard
 from std_srvs.srv import SetBool, Trigger
 
-from rled_agent.agent_params import AgentParams
+from rled_agent.agent_params import AS_TRAINED, AgentParams
 from rled_agent.agent_report import AgentReport
 from rled_agent.arbiter import Arbiter, Outcome, Situation
-from rled_agent.controller import Proposals, load_controller, observe
+from rled_agent.controller import Proposals, load_policies, make_controller, observe
 from rled_agent.online_learning import Answered, OnlineLearning
+from rled_agent.uncertainty import GateSettings
 
 LOOK = 0.02
 """Seconds between two looks at a state that waits for a person."""
@@ -67,11 +69,17 @@ class AgentNode(Node):
         super().__init__("agent_node", **arguments)
         torch.set_num_threads(1)
         torch.set_flush_denormal(True)
-        self._params = declare(self, AgentParams, self._on_change)
-        self._controller = load_controller(self._params.expert, self._params.agent, self._params.actor())
+        self._arbiter: Arbiter | None = None
+        given = declare(self, AgentParams, self._on_change)
+        policies = load_policies(given.expert, given.agent)
+        self._trained = policies.agent.gate if policies.agent is not None else None
+        self._params = given.in_force(self._trained)
+        self._controller = make_controller(policies, self._params.actor())
+        self._show_in_force(given)
+        if policies.gated:
+            self.get_logger().info(_gate_said(given, self._trained))
         self._task: TaskDescription | None = None
         self._urdf = ""
-        self._arbiter: Arbiter | None = None
         self._enabled = self._params.enabled
         self._learning = OnlineLearning(
             self._controller.policy, self._params.agent, self._params.learning_state, self._params.learning_priority
@@ -106,11 +114,19 @@ class AgentNode(Node):
         self.create_service(SetBool, "~/learn", self._on_learn)
         self.create_service(Trigger, "~/save", self._on_save)
 
-    def _on_change(self, params: AgentParams) -> None:
+    def _on_change(self, given: AgentParams) -> None:
+        params = given.in_force(self._trained)
         if self._arbiter is not None:
             self._arbiter.settings = params.gate()
         self._controller.adjust(params.actor())
         self._params = params
+        self._show_in_force(given)
+
+    def _show_in_force(self, given: AgentParams) -> None:
+        """Let the node's parameters be the values that are used, in place of what stands for them."""
+        if given.not_given:
+            params = given.in_force(self._trained)
+            self.set_parameters([Parameter(name, value=getattr(params, name)) for name in given.not_given])
 
     def _on_task(self, text: Text) -> None:
         task = TaskDescription.from_json(text.data)
@@ -258,6 +274,17 @@ class AgentNode(Node):
         """End the learning process, which saves its state, with the node."""
         self._learning.close()
         super().destroy_node()
+
+
+def _gate_said(given: AgentParams, trained: GateSettings | None) -> str:
+    """What the gate compares, and where that comes from."""
+    params = given.in_force(trained)
+    settings = GateSettings(params.measure, params.threshold, params.passes)  # type: ignore[arg-type]
+    chosen = ", ".join(name for name in AS_TRAINED if name not in given.not_given)
+    source = (
+        "as the policy was trained" if trained is not None else "the policy learned without a gate, or says nothing"
+    )
+    return f"the gate: {settings} ({f'{chosen} given; else ' if chosen else ''}{source})"
 
 
 def _doing(enabled: bool) -> str:

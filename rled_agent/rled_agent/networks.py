@@ -6,11 +6,13 @@ whatever happens between two products happens in place.
 """
 
 import math
+from itertools import pairwise
 
 import torch
+from rled_msgs_py.errors import RledError
 from torch import Tensor
 
-from rled_agent.architecture import Architecture, Weights
+from rled_agent.architecture import MOST_WEIGHTS, Architecture, Weights
 from rled_agent.dropout import Generator, dropout_masks
 from rled_agent.memory import Layer, Rows, whole_lines
 from rled_agent.tape import Tape, run
@@ -28,6 +30,9 @@ class Network:
         generator: draws the weights.
         members: e.
         squash: end in a hyperbolic tangent.
+
+    Raises:
+        RledError: more weights than ``MOST_WEIGHTS``, before any memory is taken.
 
     Attributes:
         parameters: all of them in one vector, with zeros that fill the rows of hidden layers to whole cache lines.
@@ -47,6 +52,9 @@ class Network:
         self.architecture, self.squash, self.members = architecture, squash, members
         self.sizes = (inputs, *architecture.hidden, outputs)
         shapes = self._shapes()
+        if sum(map(math.prod, shapes)) > MOST_WEIGHTS:
+            units = " x ".join(map(str, self.sizes))
+            raise RledError(f"networks of {units} units", f"{MOST_WEIGHTS:,} weights at most", "choose fewer units")
         self.parameters = torch.zeros(sum(map(math.prod, shapes)))
         self.gradients = torch.zeros_like(self.parameters)
         self.layers = [Layer(*each) for each in zip(*map(self._blocks, (self.parameters, self.gradients)), strict=True)]
@@ -163,6 +171,15 @@ class Network:
         tape.start_backward(gradient)
         run(tape.backward if parameters else tape.backward_to_units)
         return None if inputs_from is None else tape.at_inputs(inputs_from)
+
+
+def parameter_shapes(inputs: int, outputs: int, architecture: Architecture) -> dict[str, tuple[int, ...]]:
+    """Shapes of ``named_parameters`` of a network of one member, which is not made for it."""
+    sizes = (inputs, *architecture.hidden, outputs)
+    shapes: dict[str, tuple[int, ...]] = {}
+    for k, (before, after) in enumerate(pairwise(sizes)):
+        shapes |= {f"{k}.weight": (1, before, after), f"{k}.bias": (1, 1, after)}
+    return shapes
 
 
 def _draw(block: Tensor, way: Weights, generator: torch.Generator) -> None:

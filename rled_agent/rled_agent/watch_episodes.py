@@ -16,6 +16,7 @@ from rclpy.node import Node
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.files import write_whole
 from rled_msgs_py.node import declare, run_node, spin, spin_until, subscribe, subscribe_ticks
+from rled_msgs_py.outputs import require_output
 from rled_msgs_py.params import param
 from rled_msgs_py.records import Text
 from rled_msgs_py.task import TaskDescription
@@ -23,7 +24,7 @@ from rled_msgs_py.tick import Tick
 from rled_msgs_py.topics import TASK_DESCRIPTION
 
 from rled_agent.episodes import Episode, EpisodeLog
-from rled_agent.plots import draw_tool_paths
+from rled_agent.plots import draw_tool_paths, drawn_plane
 from rled_agent.progress import Progress
 from rled_agent.restart import Restart
 
@@ -53,6 +54,7 @@ class WatchEpisodes(Node):
         super().__init__("watch_episodes", **arguments)
         params = declare(self, WatchParams)
         self._output = Path(params.output)
+        require_output(self._output, "episodes.json", "paths.png")
         self._log = EpisodeLog(params.episodes)
         self._task: TaskDescription | None = None
         self._ticks: deque[Tick] = deque()
@@ -127,7 +129,7 @@ def _draw(path: Path, episodes: list[Episode], task: TaskDescription) -> None:
     targets = np.unique(np.concatenate([np.array(e.targets) for e in episodes]), axis=0)
     first, others = [np.array(episodes[0].path)], [np.array(e.path) for e in episodes[1:]]
     paths = ({"the other episodes": others} if others else {}) | {"first episode": first}
-    plane = (0, 1) if len(task.axes) == 2 else (1, 2)
+    plane = drawn_plane(task)
     title = f"{task.robot}: end effector in {len(episodes)} episodes over topics"
     goals = np.array(episodes[0].targets)
     draw_tool_paths(path, ("targets of all episodes", targets), goals, paths, plane, task.tolerance**0.5, title)

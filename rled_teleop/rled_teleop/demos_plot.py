@@ -8,6 +8,7 @@ import tyro
 from rled_msgs_py.bags import Bag, Review, review
 from rled_msgs_py.bags.series import Floats
 from rled_msgs_py.errors import RledError
+from rled_msgs_py.outputs import require_output
 from rled_msgs_py.pictures import picture
 from rled_msgs_py.task import TaskDescription
 
@@ -25,6 +26,7 @@ class Plot:
 
     def run(self) -> int:
         """Draw; returns the exit code."""
+        require_output(self.output, "paths.png", "joints.png")
         bag = Bag(self.bag)
         found = review(bag)
         if not len(found.line.moments):

@@ -15,6 +15,7 @@ from rled_msgs_py.node import run_node
 from rled_msgs_py.processes import Child, Children, program
 from rled_msgs_py.topics import JOINT_DELTA, MARKED_JOINT_STATES
 from rled_sim.robots import robot_named
+from rled_sim.tasks import require_task
 
 from rled_teleop import __version__
 from rled_teleop.record_params import RecordParams
@@ -77,7 +78,7 @@ def _checked(params: RecordParams) -> Path:
     if not params.output:
         raise RledError("no folder to record into", "--output FOLDER")
     if params.operator != "none":
-        robot_named(params.robot)
+        require_task(robot_named(params.robot).name)
     return Path(params.output)
 
 

@@ -107,9 +107,12 @@ def test_another_version_or_a_damaged_header_is_refused(changed, header, what):
 @pytest.mark.parametrize(
     ("tensors", "what"),
     [
-        ({"network.0.weight": torch.zeros(1, 5, 8)}, r"\(1, 5, 8\) as network.0.weight; accepted: \(1, 4, 8\)"),
+        ({"network.0.weight": torch.zeros(1, 5, 8)}, r"\(1, 5, 8\) F32 as network.0.weight; accepted: \(1, 4, 8\) F32"),
         ({"network.1.bias": None}, r"nothing as network.1.bias; accepted: \(1, 1, 6\)"),
-        ({"observation_scale": torch.ones(3)}, r"\(3,\) as observation_scale; accepted: \(4,\)"),
+        ({"observation_scale": torch.ones(3).double()}, r"\(3,\) F64 as observation_scale; accepted: \(4,\) F64"),
+        ({"observation_scale": torch.ones(4)}, r"\(4,\) F32 as observation_scale; accepted: \(4,\) F64"),
+        ({"network.0.weight": torch.zeros(1, 4, 8).half()}, r"\(1, 4, 8\) F16 as network.0.weight; accepted: .* F32"),
+        ({"network.9.weight": torch.zeros(1)}, "holds network.9.weight; accepted: network.0.weight"),
     ],
 )
 def test_weights_of_another_shape_are_refused(changed, tensors, what):

@@ -1,13 +1,15 @@
 """Figures of runs that differ in their seed only."""
 
-import csv
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from rled_msgs_py.errors import RledError
 from scipy.stats import bootstrap, trim_mean
+
+from rled_agent.metrics import read_rows
 
 Floats = NDArray[np.float64]
 RESAMPLES = 2_000
@@ -61,16 +63,29 @@ class Estimate(NamedTuple):
         return f"{self.value:.3g} ({self.low:.3g} to {self.high:.3g})"
 
 
-def read_columns(path: Path) -> dict[str, Floats]:
-    """The columns of a CSV file of numbers, by name."""
-    with path.open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    return {name: np.array([float(row[name]) for row in rows]) for name in (rows[0] if rows else {})}
+def read_columns(path: Path, *columns: str) -> dict[str, Floats]:
+    """The columns of a CSV file of numbers, by name.
+
+    Args:
+        path: the file.
+        columns: those that it has to have.
+
+    Raises:
+        RledError: it cannot be read, or is damaged.
+    """
+    rows = read_rows(path, *columns)
+    if not rows:
+        raise RledError(f"{path} holds no rows", "a run that has logged something")
+    return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
 
 def read_curve(path: Path, metric: str) -> Curve:
-    """One metric of ``metrics.csv``, where it was measured."""
-    columns = read_columns(path)
+    """One metric of ``metrics.csv``, where it was measured.
+
+    Raises:
+        RledError: as ``read_columns``.
+    """
+    columns = read_columns(path, "step", metric)
     measured = np.isfinite(columns[metric])
     return Curve(columns["step"][measured], columns[metric][measured])
 
