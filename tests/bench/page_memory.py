@@ -5,42 +5,23 @@ the simulation and of the recorder.
 """
 
 import argparse
-import os
 import tempfile
 import time
 from contextlib import closing
-from pathlib import Path
 
 from rled_msgs_py.processes import Children, program
 
 from ..web.conftest import await_that, free_port, is_open
+from ..web.processes import parents, resident, words
 from ..web.socket_visitor import SocketVisitor
 
 NAMES = ("teleop_web", "web_operator", "sim_node", "record_demos")
 
 
-def resident(process: int | str) -> float:
-    """Resident memory (MB) of a process; NaN when it is gone."""
-    try:
-        pages = int(Path(f"/proc/{process}/statm").read_text().split()[1])
-    except OSError:
-        return float("nan")
-    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
-
-
-def family(root: int) -> dict[str, float]:
-    """Resident memory (MB) of a process and its children, by the names of NAMES."""
-    found = {}
-    for status in Path("/proc").glob("[0-9]*/status"):
-        try:
-            text, words = status.read_text(), (status.parent / "cmdline").read_bytes().split(b"\0")
-        except OSError:
-            continue
-        if status.parent.name == str(root) or f"\nPPid:\t{root}\n" in text:
-            programs = [Path(word.decode(errors="replace")).name for word in words[:3]]
-            name = next((each for each in programs if each in NAMES), "?")
-            found[name] = resident(status.parent.name)
-    return found
+def row(page: int) -> dict[str, float]:
+    """Resident memory (MB) of the page and of what it has started, by name."""
+    mine = (each for each, parent in parents().items() if page in (each, parent))
+    return {name: resident(each) for each in mine for name in NAMES if any(name in word for word in words(each)[:3])}
 
 
 def main() -> None:
@@ -62,7 +43,7 @@ def main() -> None:
                 print("|---|---|---|---|---|", flush=True)
                 begun = time.monotonic()
                 while (passed := time.monotonic() - begun) < 60.0 * options.minutes:
-                    now = family(page.process.pid)
+                    now = row(page.process.pid)
                     print(f"| {passed / 60:.1f} |", *(f"{now.get(name, 0):.0f} |" for name in NAMES), flush=True)
                     time.sleep(options.every)
 
