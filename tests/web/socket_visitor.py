@@ -47,7 +47,11 @@ class SocketVisitor:
         self.send(camera)
 
     def send(self, message: Any) -> None:
-        self._socket.send(msgspec.msgpack.encode(message.as_serializable_dict([])))
+        self.send_raw(msgspec.msgpack.encode(message.as_serializable_dict([])))
+
+    def send_raw(self, data: bytes) -> None:
+        """Send bytes that no message may be made of."""
+        self._socket.send(data)
 
     def _read(self) -> None:
         with suppress(ConnectionClosed):

@@ -138,6 +138,24 @@ def test_a_silent_driver_can_be_relieved(visitor: Any, watcher: Any) -> None:
     assert "You watch" in silent.text() or watcher.await_that(lambda: "You watch" in silent.text(), "the news")
 
 
+def test_what_a_control_does_not_offer_springs_back(visitor: Any, watcher: Any, bags: Path) -> None:
+    me = visitor()
+    for label, values in {
+        "Bag": ["/etc", str(bags), "..", str(bags / "nothing"), 7, True, ""],
+        "Episode": ["99", "-1", "x"],
+        "Simulation": ["estop", "token", 1],
+        "Speed %": [0, 101, -5.0, 1e308, "50", "fast", True],
+    }.items():
+        before = me.value(label)
+        for value in values:
+            springs = me.received["GuiUpdateMessage"]
+            me.enter(label, value)
+            watcher.await_that(lambda springs=springs: me.received["GuiUpdateMessage"] > springs, f"{label} again")
+            watcher.await_that(lambda label=label, before=before: me.value(label) == before, f"{label} as it was")
+    assert str(bags) not in me.text()
+    assert "/etc" not in me.text()
+
+
 def test_two_recorded_episodes_make_a_bag_that_passes_and_replays(visitor: Any, watcher: Any, bags: Path) -> None:
     me = visitor()
     for label, verdict, word in (("y −", "Keep", "kept"), ("y +", "Discard", "discarded")):
