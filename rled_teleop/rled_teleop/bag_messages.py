@@ -13,7 +13,8 @@ from rled_msgs_py.bags.stream import stream
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.topics import Qos
 
-DEFAULT_DEPTH, MAX_DEPTH = 10, 10_000
+MAX_DEPTH = 10_000
+"""Messages that are kept for slow readers at the most; DDS makes room for them."""
 _MESSAGE_TYPE = re.compile(r"[a-z][a-z0-9_]*/msg/[A-Z][A-Za-z0-9]*")
 
 
@@ -84,8 +85,10 @@ def quality(topic: BagTopic) -> Qos:
     """The quality of service that a topic was published with; what the bag does not say is the default."""
     profile = next(iter(offered(topic.qos)), {})
     depth = profile.get("depth")
+    if type(depth) is not int or not {"reliability", "durability"} <= profile.keys():
+        return Qos(depth=10)
     return Qos(
-        min(max(1, depth), MAX_DEPTH) if type(depth) is int else DEFAULT_DEPTH,
-        "best_effort" if profile.get("reliability") in ("best_effort", 2) else "reliable",
-        "transient_local" if profile.get("durability") in ("transient_local", 1) else "volatile",
+        min(max(1, depth), MAX_DEPTH),
+        "best_effort" if profile["reliability"] in ("best_effort", 2) else "reliable",
+        "transient_local" if profile["durability"] in ("transient_local", 1) else "volatile",
     )

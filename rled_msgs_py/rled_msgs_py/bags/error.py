@@ -29,6 +29,10 @@ class Damage(Exception):
     """A part of a file that cannot be right; the text says which. It becomes a ``BagError`` where the file is known."""
 
 
+class Oversized(Damage):
+    """A part that is out of proportion to the file, and may be sound."""
+
+
 def remedy(path: Path) -> str:
     """How a person mends an unfinished or damaged bag."""
     return f"save what is whole with: {command('demos', 'repair', path)}"

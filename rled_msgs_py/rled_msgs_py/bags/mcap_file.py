@@ -10,7 +10,7 @@ import numpy as np
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from rled_msgs_py.bags.error import BagError, Damage, remedy
+from rled_msgs_py.bags.error import BagError, Damage, ForeignBag, Oversized, remedy
 from rled_msgs_py.bags.mcap_chunks import Chunk, require_measure, unpack
 from rled_msgs_py.bags.mcap_records import HEAD, MAGIC, walk
 from rled_msgs_py.bags.mcap_survey import Survey
@@ -58,6 +58,8 @@ def located(path: Path) -> Iterator[None]:
     """Turn damage into an error that names the file."""
     try:
         yield
+    except Oversized as damage:
+        raise ForeignBag(f"{path} is refused: {damage}", "chunks as recorders write them") from None
     except Damage as damage:
         raise BagError(f"{path} is damaged: {damage}", "", remedy(path)) from None
 
@@ -134,6 +136,8 @@ class McapFile:
                 continue
             block = unpack(self._data, chunk)
             index = self._index(chunk, block, wanted)
+            if not index:
+                continue
             blocks.append(block)
             indexes.append(index)
             bases.append((base, len(index) // PAIR.itemsize))

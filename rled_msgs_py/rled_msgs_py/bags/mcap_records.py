@@ -40,11 +40,11 @@ def message_record(channel: int, number: int, log_time: int, publish_time: int, 
 
 
 def walk(data: mmap | bytes, start: int, stop: int) -> Iterator[tuple[int, int, int]]:
-    """Opcode, begin and end of the content of each whole record; ends before one that does not fit."""
+    """Opcode, begin and end of the content of each whole record; ends before one that does not fit or is none."""
     while stop - start >= HEAD.size:
         opcode, length = HEAD.unpack_from(data, start)
         start += HEAD.size
-        if length > stop - start:
+        if length > stop - start or not opcode:
             return
         yield opcode, start, start + length
         start += length

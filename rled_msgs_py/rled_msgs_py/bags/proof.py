@@ -12,6 +12,7 @@ from rled_msgs_py.bags.error import BagError
 from rled_msgs_py.bags.mcap_chunks import Chunk as Packed
 from rled_msgs_py.bags.mcap_chunks import unpack
 from rled_msgs_py.bags.mcap_file import McapFile
+from rled_msgs_py.bags.mcap_records import walk
 from rled_msgs_py.bags.tables import payloads
 
 
@@ -47,17 +48,26 @@ def _contents(file: McapFile) -> Iterator[Content]:
 def read_by_the_mcap_library(path: Path) -> Iterator[Content]:
     """The messages of the chunks that have their checksum, up to the first record that the library refuses."""
     channels = dict[int, Channel]()
+    for record in _records(path):
+        for each in _records_in(record) if isinstance(record, Chunk) else [record]:
+            if isinstance(each, Channel):
+                channels[each.id] = each
+            elif isinstance(each, Message) and each.channel_id in channels:
+                name = "/" + channels[each.channel_id].topic.lstrip("/")
+                yield Content(name, _signed(each.log_time), _signed(each.publish_time), each.data)
+
+
+def _records(path: Path) -> Iterator[McapRecord]:
+    """The records of a file, without one that breaks off: the library would take what is there of it."""
     with path.open("rb") as file:
         limit = path.stat().st_size
         reader = StreamReader(file, emit_chunks=True, validate_crcs=True, record_size_limit=limit)
+        last: McapRecord | None = None
         try:
             for record in reader.records:
-                for each in _records_in(record) if isinstance(record, Chunk) else [record]:
-                    if isinstance(each, Channel):
-                        channels[each.id] = each
-                    elif isinstance(each, Message) and each.channel_id in channels:
-                        name = "/" + channels[each.channel_id].topic.lstrip("/")
-                        yield Content(name, _signed(each.log_time), _signed(each.publish_time), each.data)
+                if last is not None:
+                    yield last
+                last = record
         except Exception:  # the library raises whatever broken bytes lead it to
             return
 
@@ -65,10 +75,12 @@ def read_by_the_mcap_library(path: Path) -> Iterator[Content]:
 def _records_in(chunk: Chunk) -> list[McapRecord]:
     packed = Packed(chunk.compression, chunk.uncompressed_size, chunk.uncompressed_crc, 0, len(chunk.data), {})
     try:
-        records: list[McapRecord] = breakup_chunk(replace(chunk, compression="", data=unpack(chunk.data, packed)))
+        block = unpack(chunk.data, packed)
+        records: list[McapRecord] = breakup_chunk(replace(chunk, compression="", data=block))
     except Exception:  # the same
         return []
-    return records
+    end = max((stop for _, _, stop in walk(block, 0, len(block))), default=0)
+    return records if end == len(block) else records[:-1]  # the library takes what is there of a torn one
 
 
 def _signed(time: int) -> int:

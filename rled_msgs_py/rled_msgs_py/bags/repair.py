@@ -20,7 +20,7 @@ from rled_msgs_py.bags.error import BagError, Damage, ForeignBag, Unwritten
 from rled_msgs_py.bags.folder import mcap_files, open_files
 from rled_msgs_py.bags.holding import ORIGINAL, hold, remove_temporary_folders, temporary_folder
 from rled_msgs_py.bags.mcap_chunks import require_measure
-from rled_msgs_py.bags.mcap_file import McapFile, map_file
+from rled_msgs_py.bags.mcap_file import McapFile, located, map_file
 from rled_msgs_py.bags.mcap_journal import journals_of
 from rled_msgs_py.bags.mcap_survey import Survey
 from rled_msgs_py.bags.mcap_writer import McapWriter
@@ -185,7 +185,7 @@ def _rewrite(file: Path, lost: list[str], kept: list[Path]) -> FileSummary:
     """
     remove_temporary_folders(file)
     try:
-        with temporary_folder(file) as room:
+        with temporary_folder(file) as room, located(file):
             summary = _save(file, room / file.name, lost)
             if not summary.counts:
                 raise NothingWhole(f"nothing in {file} can be saved", "a file with one whole chunk of messages")

@@ -1,6 +1,7 @@
 """What is whole in an MCAP file and its journals, whatever has become of the rest."""
 
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from mmap import mmap
 from operator import attrgetter
 from pathlib import Path
@@ -10,7 +11,7 @@ from zlib import crc32
 from mcap.opcode import Opcode
 from mcap.records import ChunkIndex, Footer, Statistics
 
-from rled_msgs_py.bags.error import BagError, Damage
+from rled_msgs_py.bags.error import BagError, Damage, Oversized
 from rled_msgs_py.bags.mcap_chunks import chunk_at, unpack
 from rled_msgs_py.bags.mcap_file import map_file
 from rled_msgs_py.bags.mcap_journal import journals_of
@@ -85,6 +86,9 @@ def rescued(data: mmap, lost: list[str]) -> Iterator[Rescued]:
     Args:
         data: the file.
         lost: what is not whole is added to it, in words.
+
+    Raises:
+        Oversized: a chunk is out of proportion to the file.
     """
     # definitions in a chunk are under its checksum, those of a summary are only as good as its own
     summary, unknown = summary_of(data), 0
@@ -114,6 +118,8 @@ def _records(data: mmap, summary: Summary, lost: list[str]) -> Iterator[tuple[in
         try:
             chunk = chunk_at(data, start, stop)
             block, end = unpack(data, chunk), 0
+        except Oversized:
+            raise
         except Damage as damage:
             lost.append(str(damage))
             continue
@@ -159,15 +165,16 @@ def journaled(file: Path, lost: list[str]) -> dict[int, Rescued]:
             lost.append(error.what)
         else:
             lost += torn(data)
-            found |= {each.number: each for each in rescued(data, lost)}
+            with suppress(Oversized):  # no journal has such a chunk
+                found |= {each.number: each for each in rescued(data, lost)}
     return dict(sorted(found.items()))
 
 
 def torn(data: mmap) -> list[str]:
-    """What a file says at its end of a record that breaks off there."""
+    """What to say of a file whose data break off within a record."""
     end = len(MAGIC)
     for opcode, _, stop in walk(data, len(MAGIC), len(data)):
-        if opcode == Opcode.FOOTER:
+        if opcode in (Opcode.DATA_END, Opcode.FOOTER):
             return []
         end = stop
     return [f"the last {len(data) - end} bytes, in which a record breaks off"] if end < len(data) else []
