@@ -216,8 +216,15 @@ class Library:
         self._folder = folder
 
     def names(self) -> list[str]:
-        """Of all files, figures of the thesis first and in their order."""
-        return sorted((path.stem for path in self._folder.glob("*.toml")), key=_order)
+        """Of all files, figures of the thesis first and in their order.
+
+        Raises:
+            ExperimentError: there is none.
+        """
+        found = sorted((path.stem for path in self._folder.glob("*.toml")), key=_order)
+        if not found:
+            raise ExperimentError(f"there are no experiments in {self._folder}", "", "run it in the project's folder")
+        return found
 
     def read(self, name: str) -> Experiment:
         """One experiment.
