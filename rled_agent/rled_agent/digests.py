@@ -22,7 +22,7 @@ def file_digest(path: Path) -> str:
 
 
 def bag_digest(bag: Bag) -> str:
-    """Of the messages of a demonstration, each with its topic and log time.
+    """Of the messages of a demonstration, topic by topic, each with its log time.
 
     A copy, a converted or a repaired bag has the same one. What lies beside the demonstration, on other topics, does
     not count.
@@ -30,8 +30,10 @@ def bag_digest(bag: Bag) -> str:
     Raises:
         BagError: the bag is damaged.
     """
-    digest = hashlib.sha256()
+    topics = {topic.name: hashlib.sha256() for topic in RECORDED}
     for message in bag.messages(*RECORDED):
-        digest.update(f"{bag.name_of(message)} {message.log_time} {len(message.data)}\n".encode())
+        digest = topics[bag.name_of(message)]
+        digest.update(f"{message.log_time} {len(message.data)}\n".encode())
         digest.update(message.data)
-    return digest.hexdigest()
+    whole = "".join(f"{name} {digest.hexdigest()}\n" for name, digest in topics.items())
+    return hashlib.sha256(whole.encode()).hexdigest()

@@ -9,7 +9,8 @@ MAY_CHANGE = ("config.schedule.steps", "demonstrations.bag", "demonstrations.exp
 """A run may go further, and its files may lie elsewhere."""
 FILES = {"demonstrations.bag_sha256": "bag", "demonstrations.expert_sha256": "expert"}
 """The input that each digest is of."""
-BEGIN_ANEW = "or begin a new run with another --output"
+BEGIN_ANEW = "begin a new run with another --output"
+SIMULATION = "demonstrations.simulation"
 
 
 def require_same_run(began: dict[str, Any], now: dict[str, Any], folder: Path) -> None:
@@ -24,16 +25,17 @@ def require_same_run(began: dict[str, Any], now: dict[str, Any], folder: Path) -
         RledError: names what has changed, and what it was.
     """
     before, after = _flat({part: began.get(part) for part in now}), _flat(now)
-    if unshared := sorted(before.keys() ^ after.keys()):
+    if unshared := sorted(name for name in before.keys() ^ after.keys() if not name.startswith(SIMULATION)):
         what = f"the run in {folder} was begun by a version with other settings ({', '.join(unshared)[:300]})"
         raise RledError(what, "a run that this version began", BEGIN_ANEW)
     for digest, kind in FILES.items():
         if before[digest] != after[digest]:
             raise _other_content(kind, str(after[f"demonstrations.{kind}"]), str(before[f"demonstrations.{kind}"]))
-    changed = [name for name in after if before[name] != after[name] and name not in MAY_CHANGE + tuple(FILES)]
+    free = {*MAY_CHANGE, *FILES}
+    changed = [name for name in before if name in after and before[name] != after[name] and name not in free]
     if changed:
         was = ", ".join(f"{name} {before[name]}" for name in changed)
-        raise RledError(f"{', '.join(changed)} changed since the run began", was[:300], BEGIN_ANEW)
+        raise RledError(f"{', '.join(changed)} changed since the run began", was[:300], f"or {BEGIN_ANEW}")
 
 
 def _other_content(kind: str, path: str, before: str) -> RledError:
@@ -41,7 +43,7 @@ def _other_content(kind: str, path: str, before: str) -> RledError:
         what, accepted = f"what is in the {kind} {path} has changed since the run began", "its content of then"
     else:
         what, accepted = f"the {kind} {path} holds something else than the one that the run began with", before[:200]
-    return RledError(what, accepted, f"bring it back (a copy elsewhere will do), {BEGIN_ANEW}")
+    return RledError(what, accepted, f"bring it back (a copy elsewhere will do), or {BEGIN_ANEW}")
 
 
 def _flat(values: dict[str, Any], prefix: str = "") -> dict[str, Any]:

@@ -7,6 +7,7 @@ JSON alike.
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass
+from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 from rled_msgs_py.errors import ContractError
@@ -111,6 +112,8 @@ def _fits(value: Any, kind: Any) -> bool:
         return isinstance(value, dict) and all(_fits(each, parts[1]) for each in value.values())
     if origin is Literal:
         return value in parts
+    if origin is UnionType:
+        return any(_fits(value, each) for each in parts)
     if isinstance(value, bool):
         return kind is bool
     if kind is float:
@@ -128,9 +131,11 @@ def _accepted(kind: Any) -> str:
         return f"a table, each {_accepted(parts[1])}"
     if origin is Literal:
         return ", ".join(parts)
+    if origin is UnionType:
+        return " or ".join(map(_accepted, parts))
     if is_dataclass(kind):
         return "an object with " + ", ".join(each.name for each in fields(kind))
     return NAMES.get(kind, str(kind))
 
 
-NAMES = {float: "a finite number", int: "a whole number", str: "a text", bool: "true or false"}
+NAMES = {NoneType: "nothing", float: "a finite number", int: "a whole number", str: "a text", bool: "true or false"}

@@ -12,12 +12,15 @@ from typing import Any
 
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.files import write_whole
+from rled_msgs_py.foreign import read_json, read_text
 from rled_msgs_py.processes import POLL, Children
 
+from rled_agent.digests import file_digest
 from rled_agent.experiments.experiment import Run, RunName
 
-RECORD, BEGUN = "run.json", "command.txt"
+RECORD, BEGUN, CHECKPOINT = "run.json", "command.txt", "checkpoint.safetensors"
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "CUDA_VISIBLE_DEVICES": ""}
+RECORDED = {"command": list, "seconds": int | float, "processor": str}
 RESUMES = "train_agent"
 
 
@@ -41,10 +44,10 @@ def execute(run: Run, root: Path, stop: Event) -> Path:
         RledError: the command failed; its last lines are in the message.
     """
     folder = root / run.name.folder
-    resuming = _can_go_on(folder, run)
+    resuming = _can_go_on(folder, run, root)
     if not resuming:
         shutil.rmtree(folder, ignore_errors=True)
-        write_whole(folder / BEGUN, shlex.join(run.command))
+        write_whole(folder / BEGUN, _begun(run, root))
     program, *options = run.arguments(root)
     command = [sys.executable, "-m", f"rled_agent.{program}", *options, *(["--resume"] if resuming else [])]
     begun = time.monotonic()
@@ -65,18 +68,27 @@ def execute(run: Run, root: Path, stop: Event) -> Path:
     return folder
 
 
-def _can_go_on(folder: Path, run: Run) -> bool:
+def _can_go_on(folder: Path, run: Run, root: Path) -> bool:
     begun = folder / BEGUN
-    if run.command[0] != RESUMES or not (folder / "checkpoint.safetensors").is_file() or not begun.is_file():
+    if run.command[0] != RESUMES or not (folder / CHECKPOINT).is_file() or not begun.is_file():
         return False
-    return begun.read_text() == shlex.join(run.command)
+    return begun.read_text() == _begun(run, root)
+
+
+def _begun(run: Run, root: Path) -> str:
+    """The command, and what is in the weights of other runs that it reads."""
+    weights = (path for need in run.needs for path in sorted((root / need.folder).glob("*.safetensors")))
+    read = [f"{path.relative_to(root)} {file_digest(path)}" for path in weights if path.name != CHECKPOINT]
+    return "\n".join([shlex.join(run.command), *read])
 
 
 def record_of(root: Path, name: RunName) -> dict[str, Any] | None:
     """What ``execute`` wrote of a run that is done; None of any other."""
     try:
-        record: dict[str, Any] = json.loads((root / name.folder / RECORD).read_text())
-    except (OSError, ValueError):
+        record = read_json(read_text(root / name.folder / RECORD, RECORD), RECORD)
+    except (OSError, RledError):
+        return None
+    if not isinstance(record, dict) or not all(isinstance(record.get(each), kind) for each, kind in RECORDED.items()):
         return None
     return record
 

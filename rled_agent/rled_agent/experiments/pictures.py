@@ -1,6 +1,5 @@
 """The pictures of an experiment, from the figures of its runs."""
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from textwrap import fill
@@ -11,12 +10,11 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from rled_msgs_py.pictures import picture
 
-from rled_agent.evaluation import Course
-from rled_agent.experiments.experiment import Drawing, Kind
+from rled_agent.experiments.experiment import Drawing, Folders, Kind
+from rled_agent.experiments.records import read_bands, read_courses, read_episodes, read_experts
 from rled_agent.experiments.statistics import Estimate, Floats, common, estimate, read_columns, read_curve
+from rled_agent.expert import CurvePoint
 
-Folders = Mapping[str, Sequence[Path]]
-"""Folders of the runs of each variant, by its label."""
 SHOWN = 8
 LINE, HANDLE, LABEL = 100, 8, 40
 """Letters across a picture, what the line before a legend's text takes of them, and letters along an axis."""
@@ -51,7 +49,7 @@ def _draw_curves(axes: Axes, drawing: Drawing, folders: Folders) -> None:
 def _draw_cloning(axes: Axes, _: Drawing, folders: Folders) -> None:
     for color, (label, runs) in zip(_colors(len(folders)), folders.items(), strict=True):
         for k, run in enumerate(runs):
-            columns = read_columns(run / "curve.csv")
+            columns = read_columns(run / "curve.csv", *CurvePoint._fields)
             for name, style in (("train", "-"), ("validation", "--")):
                 named = f"{label}, {'training' if name == 'train' else name}" if k == 0 else None
                 axes.semilogy(columns["step"], columns[name], style, color=color, alpha=0.6, label=named)
@@ -132,30 +130,6 @@ def policy_name(policy: str, variant: str, folders: Folders) -> str:
     if policy != "expert":
         return variant
     return policy if len(folders) == 1 else f"{variant}, {policy}"
-
-
-def read_experts(drawing: Drawing, folders: Folders) -> list[float]:
-    """What the cloned expert of each run of the first variant came to, by the actor's metric."""
-    name = drawing.metric.removeprefix("evaluation_")
-    return [float(json.loads((run / "expert.json").read_text())[name]) for run in next(iter(folders.values()))]
-
-
-def read_bands(run: Path) -> dict[str, dict[str, dict[str, Any]]]:
-    """What ``evaluate_agent`` found: band, policy, figure."""
-    bands: dict[str, dict[str, dict[str, Any]]] = json.loads((run / "evaluation.json").read_text())
-    return bands
-
-
-def read_episodes(run: Path) -> dict[str, dict[str, float]]:
-    """What ``evaluate_agent`` found in whole episodes: policy, figure."""
-    episodes: dict[str, dict[str, float]] = json.loads((run / "episodes.json").read_text())
-    return episodes
-
-
-def read_courses(run: Path, band: str) -> dict[str, list[Course]]:
-    """Motions that ``evaluate_agent`` kept of a band, by policy."""
-    courses: dict[str, list[list[list[float]]]] = json.loads((run / "motions.json").read_text())[band]
-    return {policy: [Course(*each) for each in group] for policy, group in courses.items()}
 
 
 def _colors(count: int, ordered: bool = False) -> list[Any]:
