@@ -37,7 +37,7 @@ def generate_launch_description() -> LaunchDescription:
     page = Node(
         package="rled_teleop",
         executable="teleop_web",
-        parameters=[config, {name: given(name) for name in ("host", "token", "token_file")}],
+        parameters=[config, {"host": given("host"), "token": given("token"), "token_file": given("token_file")}],
         output="screen",
         on_exit=Shutdown(reason="the page has ended"),
     )
