@@ -2,7 +2,6 @@
 
 import signal
 import subprocess
-import time
 from collections.abc import Iterator
 
 import pytest
@@ -78,7 +77,5 @@ def test_an_operator_that_waits_for_subscribers_ends_on_a_signal(number: signal.
     with pytest.raises(subprocess.TimeoutExpired):
         operator.communicate(timeout=1.0)  # it goes on waiting
     operator.send_signal(number)
-    began = time.monotonic()
     _, err = operator.communicate(timeout=PATIENCE)
     assert (operator.returncode, err) == (0, "")
-    assert time.monotonic() - began < 5.0

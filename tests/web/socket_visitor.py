@@ -108,6 +108,10 @@ class SocketVisitor:
         """Labels of all that is visible."""
         return {str(each["label"]) for each in list(self._elements.values()) if each.get("label") and each["visible"]}
 
+    def colours(self) -> set[str]:
+        """Colours of all buttons."""
+        return {str(each["color"]) for each in list(self._elements.values()) if each.get("color")}
+
     def plots(self) -> set[str]:
         """Titles of the plots that are visible."""
         return {str(each["title"]) for each in list(self._elements.values()) if each.get("title") and each["visible"]}

@@ -115,6 +115,14 @@ def test_a_second_visitor_drives_when_the_first_has_gone(visitor: Any, watcher: 
         watcher.await_that(watcher.moves, "motion")
 
 
+def test_only_what_can_be_used_looks_so(visitor: Any, watcher: Any) -> None:
+    driver, other = visitor(), visitor()
+    watcher.await_that(lambda: "Simulation" in driver.labels() and "Simulation" not in other.labels(), "the switches")
+    watcher.await_that(lambda: other.is_disabled("y +") and not driver.is_disabled("y +"), "the buttons")
+    assert driver.is_disabled("Replay")
+    assert "gray" not in driver.colours()
+
+
 def test_any_visitor_stops_and_only_the_driver_releases(visitor: Any, watcher: Any, mode: str) -> None:
     driver, other = visitor(), visitor()
     other.click("EMERGENCY STOP")

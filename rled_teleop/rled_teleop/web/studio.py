@@ -194,7 +194,9 @@ class Studio:
         if self._open is None:
             return
         bag, found = self._open
-        episode = next(each for each in found.episodes if each.number == number)
+        episode = next((each for each in found.episodes if each.number == number), None)
+        if episode is None:  # it was of the bag that was open before
+            return
         moments = found.line.moments
         rows = (moments >= episode.first) & (moments <= episode.last)
         if rows.any():

@@ -13,7 +13,8 @@ CONFIG = str(Path(get_package_share_directory("rled_bringup"), "config", "web.ya
 ARGUMENTS = (
     DeclareLaunchArgument("robot", default_value="panda", description="panda or planar"),
     DeclareLaunchArgument("host", default_value="127.0.0.1", description="address to serve at; others want a token"),
-    DeclareLaunchArgument("token", default_value="", description="word that opens the page"),
+    DeclareLaunchArgument("token", default_value="", description="word that opens the page; all users see it"),
+    DeclareLaunchArgument("token_file", default_value="", description="file with that word, which nobody sees"),
     DeclareLaunchArgument("config", default_value=CONFIG, description="parameters of the nodes"),
 )
 
@@ -36,7 +37,7 @@ def generate_launch_description() -> LaunchDescription:
     page = Node(
         package="rled_teleop",
         executable="teleop_web",
-        parameters=[config, {"host": given("host"), "token": given("token")}],
+        parameters=[config, {"host": given("host"), "token": given("token"), "token_file": given("token_file")}],
         output="screen",
         on_exit=Shutdown(reason="the page has ended"),
     )
