@@ -3,53 +3,51 @@
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
-import numpy as np
 import torch
-from rled_agent.architecture import Architecture
-from rled_agent.config import BehaviourConfig, ScheduleConfig, TrainConfig
+from rled_agent.config import TrainConfig
 from rled_agent.environments import make_environment
 from rled_agent.expertise import no_expertise
-from rled_agent.learner import LearnerConfig
-from rled_agent.networks import Network
 from rled_agent.policy import Policy
-from rled_agent.scaling import scaling_of_bounds
 from rled_agent.trainer import Trainer
 from rled_sim.robots import ROBOTS
 from rled_sim.tasks import reach_task
 
-TINY = Architecture(hidden=(4, 3))
-CONFIG = TrainConfig(
-    env="rled/PlanarReach-v0",
-    behaviour=BehaviourConfig(phi=0.0),
-    schedule=ScheduleConfig(steps=40, capacity=20, log_every=10, evaluate_every=20, checkpoint_every=20),
-    learner=LearnerConfig(actor=TINY, critic=TINY),
-)
+TINY = {"hidden": [4, 3]}
+OTHER = {"hidden": [5], "layer_norm": True, "dropout": 0.1, "activation": "leaky_relu"}
+SCHEDULE = {"steps": 40, "capacity": 20, "log_every": 10, "evaluate_every": 20, "checkpoint_every": 20}
 torch.set_num_threads(1)
 
 
-def policy(architecture: Architecture = TINY) -> Policy:
-    task = reach_task(ROBOTS["planar"]).description
-    observation, limit = task.observation_bounds(), np.full(task.action_size, task.max_delta)
-    generator = torch.Generator().manual_seed(1)
-    network = Network(len(observation[0]), task.action_size, architecture, generator, squash=True)
-    return Policy(network, scaling_of_bounds(observation, (-limit, limit)), task)
+def config(actor: dict[str, Any] = TINY) -> TrainConfig:
+    values = TrainConfig().to_dict() | {"env": "rled/PlanarReach-v0"}
+    values["behaviour"] |= {"phi": 0.0}
+    values["schedule"] |= SCHEDULE
+    values["learner"]["actor"] |= actor
+    values["learner"]["critic"] |= TINY
+    return TrainConfig.from_dict(values)
 
 
-def policies() -> list[Policy]:
-    return [policy(), policy(replace(TINY, hidden=(5,), layer_norm=True, dropout=0.1, activation="leaky_relu"))]
+def new_trainer(settings: TrainConfig) -> Trainer:
+    envs = make_environment(settings, None), make_environment(settings, None)
+    return Trainer(*envs, settings, no_expertise(envs[1], settings))
 
 
 @lru_cache
 def trainer() -> Trainer:
-    envs = make_environment(CONFIG, None), make_environment(CONFIG, None)
-    made = Trainer(*envs, CONFIG, no_expertise(envs[1], CONFIG))
+    made = new_trainer(config())
     for _ in range(12):
         made.advance()
     return made
+
+
+def policies() -> list[Policy]:
+    task = reach_task(ROBOTS["planar"]).description
+    made = [new_trainer(config(actor)) for actor in (TINY, OTHER)]
+    return [Policy(each.learner.actor, each.expertise.scaling, task) for each in made]
 
 
 @contextmanager

@@ -23,9 +23,9 @@ OPEN = {
     "policy",
     "qos",
     "repair",
-    "results",
     "run_config",
     "urdf",
+    "visitor_messages",
 }
 """Readers with findings that are not mended."""
 

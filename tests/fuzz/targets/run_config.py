@@ -17,7 +17,7 @@ __all__ = ["mutate", "read", "seeds"]
 def seeds() -> list[bytes]:
     with agent.folder() as folder:
         run = RunDirectory(folder)
-        run.create({"config": agent.CONFIG.to_dict(), "bag": "bags/planar"})
+        run.create({"config": agent.config().to_dict(), "bag": "bags/planar"})
         return [run.config_path.read_bytes()]
 
 

@@ -12,7 +12,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from ...rled_msgs_py.samples import recording
 from ..bags import read_everything
-from ..mutators.plain import mutate as mutate
+from ..mutators.sqlite import mutate as mutate
 
 
 @lru_cache
