@@ -3,7 +3,7 @@ SHELL := bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup demo test browser faults hostile reproduce figures check format bench lock clean
+.PHONY: help setup demo test browser faults hostile fuzz reproduce figures check format bench lock clean
 
 BIN := .venv/bin
 PACKAGES := rled_msgs_py rled_sim rled_agent rled_teleop
@@ -49,6 +49,9 @@ faults: setup ## Measure the table of faults anew: docs/faults.md.
 
 hostile: setup ## Send more than 30,000 malformed and hostile messages to all nodes (some minutes).
 	RLED_HOSTILE=250 $(BIN)/python -m pytest tests/faults -k hostile --timeout 600 $(ARGS)
+
+fuzz: setup ## Mutated inputs to every reader, guided by coverage (MINUTES=5, SEED=, ARGS="mcap_bag urdf").
+	$(BIN)/python -m tests.fuzz --minutes $(or $(MINUTES),5) --seed $(or $(SEED),0) $(ARGS)
 
 reproduce: setup ## Make the missing runs behind the figures of chapter 4 (FIG=4.6: of one; hours).
 	$(BIN)/python -m rled_agent.experiments.reproduce $(FIG) $(ARGS)

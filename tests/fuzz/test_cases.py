@@ -1,0 +1,57 @@
+"""What once failed is read or refused, and so are inputs drawn from valid ones; seeds are read."""
+
+from threading import Event
+
+import pytest
+from rled_msgs_py.errors import RledError
+
+from .target import CASES, cases, load, names
+from .watch import Job, watch
+
+DRAWN = 300
+OPEN = {
+    "checkpoint",
+    "http_head",
+    "journal",
+    "mapping",
+    "mcap_bag",
+    "messages",
+    "metadata_record",
+    "metadata_yaml",
+    "metrics",
+    "orders",
+    "policy",
+    "qos",
+    "repair",
+    "run_config",
+    "urdf",
+    "visitor_messages",
+}
+"""Readers with findings that are not mended."""
+
+
+@pytest.mark.parametrize("name", names())
+def test_every_seed_is_read(tmp_path, name):
+    target = load(name)
+    for number, data in enumerate(target.seeds()):
+        (tmp_path / str(number)).mkdir()
+        try:
+            target.read(data, tmp_path / str(number))
+        except RledError as error:
+            pytest.fail(f"seed {number} is refused: {error}")
+
+
+@pytest.mark.parametrize("name", names())
+def test_cases_and_drawn_inputs_are_read_or_refused(request, tmp_path, name):
+    if name in OPEN:
+        request.applymarker(pytest.mark.xfail(strict=False))
+    result = watch(Job(name, tmp_path, count=DRAWN), Event())
+    assert not result.failure
+    assert not result.found, "\n".join(f"{each}: {summary}" for each, summary in result.found.items())
+    assert result.inputs > len(cases(name)) + 10
+
+
+def test_cases_are_of_targets_and_small():
+    files = [path for path in CASES.rglob("*") if path.is_file()]
+    assert {path.parent.name for path in files} <= set(names())
+    assert sum(path.stat().st_size for path in files) < 1_000_000
