@@ -7,11 +7,11 @@ from threading import Event
 from typing import NamedTuple
 
 import rclpy
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rled_msgs_py.bags import BagWriter
 from rled_msgs_py.bags.header import stamp_of
+from rled_msgs_py.callbacks import every, listen
 from rled_msgs_py.convert import MESSAGE_CLASSES, qos_profile
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.node import spin
@@ -46,7 +46,7 @@ class LiveDemonstrations(Node):
         for rank, topic in enumerate(RECORDED):
             qos = qos_profile(Qos(HISTORY, topic.qos.reliability, topic.qos.durability))
             received = partial(self._on_message, rank, topic)
-            self.create_subscription(MESSAGE_CLASSES[topic.type], topic.name, received, qos, raw=True)
+            listen(self, MESSAGE_CLASSES[topic.type], topic.name, qos, received)
 
     def end_when_over(self, stop: Event) -> None:
         """Ask for the end when whoever demonstrated has gone."""
@@ -56,7 +56,7 @@ class LiveDemonstrations(Node):
             if self._heard and silent and not self.count_publishers(JOINT_STATES.name):
                 stop.set()
 
-        self.create_timer(LOOK, look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        every(self, LOOK, look)
 
     def write(self, path: Path) -> int:
         """Write what was heard as a bag; returns how many messages.

@@ -6,6 +6,14 @@ import select
 import sys
 from collections.abc import Callable
 
+MAX_LENGTH = 1000
+"""Characters of what an error quotes; names and values of other processes may have millions."""
+
+
+def shortened(text: str, limit: int = MAX_LENGTH) -> str:
+    """The text, its middle left out where it is longer than ``limit``."""
+    return text if len(text) <= limit else f"{text[: limit // 2]} ... {text[-limit // 4 :]}"
+
 
 class RledError(Exception):
     """Root of the errors that a user can cause and mend.
@@ -17,8 +25,8 @@ class RledError(Exception):
     """
 
     def __init__(self, what: str, accepted: str = "", remedy: str = "") -> None:
-        self.what, self.accepted, self.remedy = what, accepted, remedy
-        parts = [what, f"accepted: {accepted}" if accepted else "", remedy]
+        self.what, self.accepted, self.remedy = shortened(what), shortened(accepted), remedy
+        parts = [self.what, f"accepted: {self.accepted}" if accepted else "", remedy]
         super().__init__("; ".join(part for part in parts if part))
 
     def __reduce__(self) -> tuple[type, tuple[str, str, str]]:
@@ -27,6 +35,10 @@ class RledError(Exception):
 
 class ContractError(RledError):
     """A record, a message or a description that breaks the contract."""
+
+
+class Unreadable(ContractError):
+    """Bytes that are no message of their topic, or more of them than such a message can have."""
 
 
 def command_line(main: Callable[[], None]) -> Callable[[], None]:

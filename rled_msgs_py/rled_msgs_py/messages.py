@@ -11,7 +11,7 @@ import numpy as np
 
 from rled_msgs_py import topics
 from rled_msgs_py.cdr import CdrReader, CdrWriter
-from rled_msgs_py.errors import ContractError
+from rled_msgs_py.errors import ContractError, Unreadable
 from rled_msgs_py.records import (
     Actor,
     DeltaCommand,
@@ -26,7 +26,7 @@ from rled_msgs_py.records import (
     Text,
     Vector,
 )
-from rled_msgs_py.topics import DIAGNOSTIC_ARRAY, JOINT_STATE, POSE_STAMPED, STRING, Topic
+from rled_msgs_py.topics import DIAGNOSTIC_ARRAY, JOINT_STATE, LARGEST, POSE_STAMPED, STRING, Topic
 
 NANOSECONDS = 1_000_000_000
 LATEST = 2**31 * NANOSECONDS
@@ -63,12 +63,23 @@ def decode(topic: Topic, data: bytes) -> Record:
     """The record of a message received on a topic; bytes after the message are let pass.
 
     Raises:
-        ContractError: bytes that are no such message, a wrong size, bad names, NaN or infinity, or a topic of which
-            there are no records.
+        Unreadable: bytes that are no such message, or too many of them.
+        ContractError: a wrong size, bad names, NaN or infinity, or a topic of which there are no records.
     """
     if topic.name not in FROM:
         raise ContractError(f"{topic.name} has no records", ", ".join(FROM))
+    require_size(topic.type, data)
     return FROM[topic.name](CdrReader(data))
+
+
+def require_size(type_name: str, data: bytes) -> None:
+    """Refuse a message that is larger than any of its type; look before anything of it is read or kept.
+
+    Raises:
+        Unreadable: it is too large.
+    """
+    if len(data) > LARGEST[type_name]:
+        raise Unreadable(f"a message of {len(data)} bytes", f"{LARGEST[type_name]} at most")
 
 
 TYPES: Mapping[type, str] = {

@@ -31,6 +31,17 @@ class Qos:
     durability: Literal["volatile", "transient_local"] = "volatile"
 
 
+LARGEST = {
+    JOINT_STATE: 64 << 10,  # 256 joints with names of a hundred characters have half of it
+    POSE_STAMPED: 8 << 10,
+    DIAGNOSTIC_ARRAY: 256 << 10,
+    STRING: 4 << 20,  # a URDF
+    CLOCK: 1 << 10,
+    MARKER_ARRAY: 4 << 20,
+}
+"""Most bytes of a message, by its type; larger ones are refused before they are read."""
+
+
 @dataclass(frozen=True)
 class Topic:
     """One line of the graph's contract: relative name, ROS type and quality of service."""

@@ -6,11 +6,11 @@ from functools import partial
 from operator import attrgetter
 from typing import Any
 
-from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rled_msgs_py.bags import BagError, BagWriter
 from rled_msgs_py.bags.header import sim_stamp
+from rled_msgs_py.callbacks import every, listen, serve
 from rled_msgs_py.convert import MESSAGE_CLASSES, qos_profile
 from rled_msgs_py.errors import ContractError
 from rled_msgs_py.messages import decode, encode
@@ -66,10 +66,10 @@ class Recorder(Node):
         self._failure: BagError | None = None
         self._marks = (advertise(self, MARKED_JOINT_STATES), advertise(self, MARKED_EE_POSE))
         self._events, self._reports = advertise(self, EPISODE_EVENTS), advertise(self, DIAGNOSTICS)
-        self.create_service(SetBool, "~/record", self._on_record)
-        self.create_service(Trigger, "~/keep", partial(self._on_verdict, "keep"))
-        self.create_service(Trigger, "~/discard", partial(self._on_verdict, "discard"))
-        self.create_service(Trigger, "~/mark_pose", self._on_mark_pose)
+        serve(self, SetBool, "~/record", self._on_record)
+        serve(self, Trigger, "~/keep", partial(self._on_verdict, "keep"))
+        serve(self, Trigger, "~/discard", partial(self._on_verdict, "discard"))
+        serve(self, Trigger, "~/mark_pose", self._on_mark_pose)
 
     def begin(self, bag: BagWriter) -> None:
         """Record into an open bag.
@@ -78,10 +78,9 @@ class Recorder(Node):
         that can begin.
         """
         self._filing = Filing(bag, self._topics)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(WRITE_PERIOD, partial(self._safely, self._go_on), clock=steady)
-        self.create_timer(WRITE_PERIOD, self._listen_to_who_speaks, clock=steady)
-        self.create_timer(REPORT_PERIOD, self._report, clock=steady)
+        every(self, WRITE_PERIOD, partial(self._safely, self._go_on))
+        every(self, WRITE_PERIOD, self._listen_to_who_speaks)
+        every(self, REPORT_PERIOD, self._report)
         for topic in DESCRIPTIONS:
             self._listen(topic)
 
@@ -105,7 +104,7 @@ class Recorder(Node):
     def _listen(self, topic: Topic) -> None:
         received = partial(self._safely, self._received, topic)
         qos = qos_profile(replace(topic.qos, depth=HISTORY))
-        self.create_subscription(MESSAGE_CLASSES[topic.type], topic.name, received, qos, raw=True)
+        listen(self, MESSAGE_CLASSES[topic.type], topic.name, qos, received)
 
     def _received(self, topic: Topic, data: bytes) -> None:
         stamp = sim_stamp(topic.name, topic.type, data) or 0
