@@ -14,6 +14,8 @@ from rled_msgs_py.bags.header import stamp_of
 from rled_msgs_py.callbacks import every, listen
 from rled_msgs_py.convert import MESSAGE_CLASSES, qos_profile
 from rled_msgs_py.errors import RledError
+from rled_msgs_py.messages import require_size
+from rled_msgs_py.middleware import return_messages
 from rled_msgs_py.node import spin
 from rled_msgs_py.stopping import stop_requested
 from rled_msgs_py.tick import STATE_TOPICS
@@ -75,6 +77,7 @@ class LiveDemonstrations(Node):
         return len(self._heard)
 
     def _on_message(self, rank: int, topic: Topic, data: bytes) -> None:
+        require_size(topic, data)
         stamp = stamp_of(topic.type, data)
         self._newest = self._newest if stamp is None else stamp
         self._last = time.monotonic()
@@ -93,6 +96,7 @@ def receive_demonstrations(path: Path) -> int:
     Raises:
         RledError: nothing was heard, or it cannot be written.
     """
+    return_messages()
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     try:
         with stop_requested() as stop:

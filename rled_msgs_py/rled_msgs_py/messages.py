@@ -26,7 +26,7 @@ from rled_msgs_py.records import (
     Text,
     Vector,
 )
-from rled_msgs_py.topics import DIAGNOSTIC_ARRAY, JOINT_STATE, LARGEST, POSE_STAMPED, STRING, Topic
+from rled_msgs_py.topics import DIAGNOSTIC_ARRAY, JOINT_STATE, POSE_STAMPED, STRING, Topic
 
 NANOSECONDS = 1_000_000_000
 LATEST = 2**31 * NANOSECONDS
@@ -68,18 +68,18 @@ def decode(topic: Topic, data: bytes) -> Record:
     """
     if topic.name not in FROM:
         raise ContractError(f"{topic.name} has no records", ", ".join(FROM))
-    require_size(topic.type, data)
+    require_size(topic, data)
     return FROM[topic.name](CdrReader(data))
 
 
-def require_size(type_name: str, data: bytes) -> None:
-    """Refuse a message that is larger than any of its type; look before anything of it is read or kept.
+def require_size(topic: Topic, data: bytes) -> None:
+    """Refuse a message that is larger than any on its topic; look before anything of it is read or kept.
 
     Raises:
         Unreadable: it is too large.
     """
-    if len(data) > LARGEST[type_name]:
-        raise Unreadable(f"a message of {len(data)} bytes", f"{LARGEST[type_name]} at most")
+    if len(data) > topic.largest:
+        raise Unreadable(f"a message of {len(data)} bytes", f"{topic.largest} at most")
 
 
 TYPES: Mapping[type, str] = {

@@ -29,6 +29,7 @@ from rled_msgs_py.callbacks import guarded, listen, raise_ending, shield_service
 from rled_msgs_py.convert import MESSAGE_CLASSES, qos_profile
 from rled_msgs_py.errors import ContractError, RledError, command_line
 from rled_msgs_py.messages import decode
+from rled_msgs_py.middleware import return_blocks, return_messages
 from rled_msgs_py.params import Spec, build, parameters_of, parse_command_line
 from rled_msgs_py.stopping import stop_requested
 from rled_msgs_py.tick import STATE_TOPICS, StateRecord, Tick, TickAssembler
@@ -181,6 +182,8 @@ def run_node(
         given, ros_arguments = parse_command_line(params, program, summary, sys.argv[1:])
         overrides = [Parameter(name, value=value) for name, value in given.items()]
         _require_domain()
+        return_messages()
+        return_blocks()
         rclpy.init(args=[program, *ros_arguments], signal_handler_options=SignalHandlerOptions.NO)
         node: Node | None = None
         with stop_requested() as stop:  # to the end: who asks twice does not cut short what is being saved
@@ -230,6 +233,7 @@ def spin_until(executor: Executor, done: Callable[[], bool], timeout: float, wha
 
 def fresh_context(domain: int | None = None, arguments: Sequence[str] = ()) -> Context:
     """A context of its own, for composing nodes in one process or for a test."""
+    return_messages()
     context = Context()
     rclpy.init(args=list(arguments), context=context, domain_id=domain)
     return context

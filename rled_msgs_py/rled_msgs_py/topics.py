@@ -39,7 +39,9 @@ LARGEST = {
     CLOCK: 1 << 10,
     MARKER_ARRAY: 4 << 20,
 }
-"""Most bytes of a message, by its type; larger ones are refused before they are read."""
+"""Most bytes of a message, by its type."""
+LARGEST_OF = {"task_description": 256 << 10, "episode_events": 64 << 10}
+"""The same of topics that need less than their type."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,11 @@ class Topic:
     name: str
     type: str
     qos: Qos
+
+    @property
+    def largest(self) -> int:
+        """Most bytes of a message; larger ones are refused before they are read or kept."""
+        return LARGEST_OF.get(self.name, LARGEST[self.type])
 
 
 STATE_QOS = Qos(depth=10, durability="transient_local")

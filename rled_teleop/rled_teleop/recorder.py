@@ -37,6 +37,7 @@ from rled_teleop import __version__
 from rled_teleop.episodes import REACHED, About, Episodes, Refusal, count_of
 from rled_teleop.filing import WRITE_PERIOD, Filing
 from rled_teleop.opening import Early, Opening
+from rled_teleop.readable import Readable
 from rled_teleop.recent import Recent
 from rled_teleop.record_params import RecordParams, extra_topics
 
@@ -64,6 +65,7 @@ class Recorder(Node):
         self._after = self._until = -1  # stamps of the newest tick when the episode began and when the last one ended
         self._silent: list[Topic] = []  # not listened to before somebody publishes there
         self._failure: BagError | None = None
+        self._readable = Readable(self.get_logger().warning)
         self._marks = (advertise(self, MARKED_JOINT_STATES), advertise(self, MARKED_EE_POSE))
         self._events, self._reports = advertise(self, EPISODE_EVENTS), advertise(self, DIAGNOSTICS)
         serve(self, SetBool, "~/record", self._on_record)
@@ -107,6 +109,8 @@ class Recorder(Node):
         listen(self, MESSAGE_CLASSES[topic.type], topic.name, qos, received)
 
     def _received(self, topic: Topic, data: bytes) -> None:
+        if not self._readable.holds(topic, data):
+            return
         stamp = sim_stamp(topic.name, topic.type, data) or 0
         if topic in TICKING and stamp < self._recent.stamp(topic):  # the simulation was restarted
             self._after = self._until = -1
@@ -198,6 +202,7 @@ class Recorder(Node):
 
     def _health(self, level: Level, message: str) -> None:
         values = {"episode": str(self._episodes.number), "messages": str(self._filing.kept)}
+        values |= {f"unreadable {name}": str(count) for name, count in self._readable.refused.items()}
         now = self.get_clock().now().nanoseconds
         self._reports.publish(encode(DIAGNOSTICS, Health(now, level, "record_demos: bag", message, values)))
 

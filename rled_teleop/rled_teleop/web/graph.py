@@ -19,7 +19,6 @@ from rled_msgs_py.topics import (
     DIAGNOSTICS,
     EPISODE_EVENTS,
     JOINT_DELTA,
-    LARGEST,
     MARKERS,
     ROBOT_DESCRIPTION,
     SAFETY_GATE,
@@ -87,7 +86,7 @@ class Graph:
     def _on_task(self, text: Text) -> None:
         self._watched.task = TaskDescription.from_json(text.data)
         if self._markers is None:
-            qos, limit = qos_profile(Qos(depth=1)), LARGEST[MARKERS.type]
+            qos, limit = qos_profile(Qos(depth=1)), MARKERS.largest
             self._markers = listen(self._node, MarkerArray, MARKERS.name, qos, self._on_markers, limit)
 
     def _on_markers(self, data: bytes) -> None:
