@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from rclpy.clock import Clock, ClockType
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rled_msgs_py.callbacks import Ending, every, serve
 from rled_msgs_py.command_output import CommandOutput
 from rled_msgs_py.errors import ContractError, RledError
 from rled_msgs_py.life import watch_life
@@ -104,15 +104,14 @@ class AgentNode(Node):
         self._serve()
         if self._params.learn:
             self._learning.start()
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(1.0, self._say_health, clock=steady)
-        self.create_timer(LOOK, self._decide, clock=steady)
+        every(self, 1.0, self._say_health)
+        every(self, LOOK, self._decide)
 
     def _serve(self) -> None:
-        self.create_service(SetBool, "~/enable", self._on_enable)
-        self.create_service(SetBool, "~/estop", self._on_estop)
-        self.create_service(SetBool, "~/learn", self._on_learn)
-        self.create_service(Trigger, "~/save", self._on_save)
+        serve(self, SetBool, "~/enable", self._on_enable)
+        serve(self, SetBool, "~/estop", self._on_estop)
+        serve(self, SetBool, "~/learn", self._on_learn)
+        serve(self, Trigger, "~/save", self._on_save)
 
     def _on_change(self, given: AgentParams) -> None:
         params = given.in_force(self._trained)
@@ -134,7 +133,7 @@ class AgentNode(Node):
             task.require_same_robot(self._controller.policy.task, "the policy")
         except ContractError as error:
             if self._arbiter is None:
-                raise RledError(error.what, error.accepted) from None  # the policy of another robot: the node ends
+                raise Ending(RledError(error.what, error.accepted)) from None  # the policy of another robot
             raise
         self._arbitrate(task, self._urdf)
 

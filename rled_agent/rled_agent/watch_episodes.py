@@ -13,6 +13,7 @@ import numpy as np
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rled_msgs_py.callbacks import Ending, ends_node, every
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.files import write_whole
 from rled_msgs_py.node import declare, run_node, spin, spin_until, subscribe, subscribe_ticks
@@ -64,7 +65,7 @@ class WatchEpisodes(Node):
         self._progress = Progress("episode", params.episodes)
         subscribe(self, TASK_DESCRIPTION, self._on_task)
         subscribe_ticks(self, self._on_tick, depth=10_000)  # outlasts a busy moment of this process
-        self.create_timer(1.0, self._check)
+        every(self, 1.0, self._check)
 
     def _on_task(self, text: Text) -> None:
         self._task = TaskDescription.from_json(text.data)
@@ -98,7 +99,7 @@ class WatchEpisodes(Node):
 
     def _check(self) -> None:
         if time.monotonic() - self._heard > WAIT:
-            raise RledError(f"no tick for {WAIT:.0f} s", "", "are sim_node and an agent or operator running?")
+            raise Ending(RledError(f"no tick for {WAIT:.0f} s", "", "are sim_node and an agent or operator running?"))
 
     def _finish_when_complete(self) -> None:
         """The description of the task may come after the last tick."""
@@ -106,8 +107,9 @@ class WatchEpisodes(Node):
             return
         self._progress.close()
         summary = summarize(self._log.finished)
-        write_whole(self._output / "episodes.json", json.dumps(summary, indent=2) + "\n")
-        _draw(self._output / "paths.png", self._log.finished, self._task)
+        with ends_node():
+            write_whole(self._output / "episodes.json", json.dumps(summary, indent=2) + "\n")
+            _draw(self._output / "paths.png", self._log.finished, self._task)
         print(
             f"{summary['episodes']} episodes: {summary['targets_reached']:.2f} targets reached, "
             f"{summary['steps']:.1f} steps, {summary['violations']:.2f} violations each; wrote {self._output}"

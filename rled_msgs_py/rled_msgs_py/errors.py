@@ -8,6 +8,14 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+MAX_LENGTH = 1000
+"""Characters of what an error quotes; names and values of other processes may have millions."""
+
+
+def shortened(text: str, limit: int = MAX_LENGTH) -> str:
+    """The text, its middle left out where it is longer than ``limit``."""
+    return text if len(text) <= limit else f"{text[: limit // 2]} ... {text[-limit // 4 :]}"
+
 
 class RledError(Exception):
     """Root of the errors that a user can cause and mend.
@@ -19,8 +27,8 @@ class RledError(Exception):
     """
 
     def __init__(self, what: str, accepted: str = "", remedy: str = "") -> None:
-        self.what, self.accepted, self.remedy = what, accepted, remedy
-        parts = [what, f"accepted: {accepted}" if accepted else "", remedy]
+        self.what, self.accepted, self.remedy = shortened(what), shortened(accepted), remedy
+        parts = [self.what, f"accepted: {self.accepted}" if accepted else "", remedy]
         super().__init__("; ".join(part for part in parts if part))
 
     def __reduce__(self) -> tuple[type, tuple[str, str, str]]:
@@ -34,6 +42,10 @@ class ContractError(RledError):
 def command(*words: str | Path) -> str:
     """A command to paste into a shell, as in a remedy: ``command("demos", "repair", path)``."""
     return shlex.join(map(str, words))
+
+
+class Unreadable(ContractError):
+    """Bytes that are no message of their topic, or more of them than such a message can have."""
 
 
 def command_line(main: Callable[[], None]) -> Callable[[], None]:

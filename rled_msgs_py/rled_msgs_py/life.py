@@ -7,11 +7,11 @@ from collections.abc import Callable
 from typing import Any
 
 from rclpy.duration import Duration
-from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 
+from rled_msgs_py.callbacks import listen, publisher_events, subscription_events
 from rled_msgs_py.convert import MESSAGE_CLASSES, qos_profile
 from rled_msgs_py.topics import Topic
 
@@ -36,11 +36,8 @@ def watch_life(node: Node, topic: Topic, changed: Callable[[int], None]) -> Subs
     def on_change(status: Any) -> None:
         changed(status.alive_count)
 
-    events = SubscriptionEventCallbacks(liveliness=on_change, incompatible_qos=lambda status: None)
-    kind = MESSAGE_CLASSES[topic.type]
-    return node.create_subscription(
-        kind, topic.name, lambda data: None, _leased(topic), raw=True, event_callbacks=events
-    )
+    events = subscription_events(node, liveliness=on_change, incompatible_qos=lambda status: None)
+    return listen(node, MESSAGE_CLASSES[topic.type], topic.name, _leased(topic), lambda data: None, events=events)
 
 
 def _leased(topic: Topic) -> Any:
@@ -70,5 +67,5 @@ def advertise_in_time(node: Node, topic: Topic, deadline: float, missed: Callabl
 
     profile = qos_profile(topic.qos)
     profile.deadline = Duration(seconds=deadline)
-    events = PublisherEventCallbacks(deadline=on_miss)
+    events = publisher_events(node, deadline=on_miss)
     return node.create_publisher(MESSAGE_CLASSES[topic.type], topic.name, profile, event_callbacks=events)

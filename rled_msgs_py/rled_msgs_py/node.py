@@ -25,9 +25,11 @@ from rclpy.publisher import Publisher
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 
+from rled_msgs_py.callbacks import guarded, listen, raise_ending, shield_services
 from rled_msgs_py.convert import MESSAGE_CLASSES, qos_profile
 from rled_msgs_py.errors import ContractError, RledError, command_line
 from rled_msgs_py.messages import decode
+from rled_msgs_py.middleware import return_blocks, return_messages
 from rled_msgs_py.params import Spec, build, parameters_of, parse_command_line
 from rled_msgs_py.stopping import stop_requested
 from rled_msgs_py.tick import STATE_TOPICS, StateRecord, Tick, TickAssembler
@@ -55,17 +57,21 @@ def subscribe(
     ``refused``.
     """
 
-    def warn(error: ContractError) -> None:
-        node.get_logger().warning(f"{topic.name}: {error}", throttle_duration_sec=1.0)
-
     def received(data: bytes) -> None:
         try:
             callback(decode(topic, data))
         except ContractError as error:
-            (refused or warn)(error)
+            if refused is None:
+                raise
+            refused(error)
 
     kind, qos = MESSAGE_CLASSES[topic.type], qos_profile(topic.qos)
-    return node.create_subscription(kind, topic.name, received, qos, raw=True)
+    return listen(node, kind, topic.name, qos, received)
+
+
+def on_set(node: Node, changed: Callable[[list[Parameter]], None]) -> None:
+    """Call ``changed`` with the parameters of each accepted change."""
+    node.add_post_set_parameters_callback(guarded(node, "a parameter", changed))
 
 
 def subscribe_ticks(node: Node, callback: Callable[[Tick], None], depth: int | None = None) -> None:
@@ -115,7 +121,7 @@ def declare(node: Node, params: type[P], changed: Callable[[P], None] | None = N
         ContractError: a value given at the start is out of its range or of another type.
     """
     known = parameters_of(params)
-    _shield_services(node)
+    shield_services(node)
     for each in known:
         try:
             node.declare_parameter(each.name, each.default, _descriptor(each.spec, each.default))
@@ -133,31 +139,20 @@ def declare(node: Node, params: type[P], changed: Callable[[P], None] | None = N
         try:
             build(params, current() | {each.name: each.value for each in proposed if each.name in mine})
         except (ContractError, TypeError) as error:
-            return SetParametersResult(successful=False, reason=str(error))
+            return refuse(error)
         return SetParametersResult(successful=True)
+
+    def refuse(error: Exception, *_: object) -> SetParametersResult:
+        return SetParametersResult(successful=False, reason=str(error))
 
     def apply(_: list[Parameter]) -> None:
         if changed is not None:
             changed(build(params, current()))
 
     record = build(params, current())
-    node.add_on_set_parameters_callback(validate)
-    node.add_post_set_parameters_callback(apply)
+    node.add_on_set_parameters_callback(guarded(node, "a parameter", validate, refuse))
+    on_set(node, apply)
     return record
-
-
-def _shield_services(node: Node) -> None:
-    """Keep requests that rclpy's own parameter services choke on (a parameter of type 255) from ending the node."""
-
-    def shielded(name: str, callback: Callable[[Any, Any], Any], request: Any, response: Any) -> Any:
-        try:
-            return callback(request, response)
-        except Exception as error:  # rclpy raises several unrelated types here
-            node.get_logger().warning(f"{name}: {error}", throttle_duration_sec=1.0)
-            return response
-
-    for each in node.services:
-        each.callback = partial(shielded, each.srv_name, each.callback)
 
 
 def _require_domain() -> None:
@@ -187,6 +182,8 @@ def run_node(
         given, ros_arguments = parse_command_line(params, program, summary, sys.argv[1:])
         overrides = [Parameter(name, value=value) for name, value in given.items()]
         _require_domain()
+        return_messages()
+        return_blocks()
         rclpy.init(args=[program, *ros_arguments], signal_handler_options=SignalHandlerOptions.NO)
         node: Node | None = None
         with stop_requested() as stop:  # to the end: who asks twice does not cut short what is being saved
@@ -203,12 +200,18 @@ def run_node(
 
 
 def spin(node: Node, stop: Event, executor: Executor | None = None) -> None:
-    """Spin one node until it is asked to stop, or shuts its context down itself."""
+    """Spin one node until it is asked to stop, or shuts its context down itself.
+
+    Raises:
+        RledError: a callback ended the node.
+        OSError: the same, for a file.
+    """
     executor = executor or SingleThreadedExecutor(context=node.context)
     executor.add_node(node)
     try:
         while not stop.is_set() and node.context.ok():
             executor.spin_once(timeout_sec=STOP_WAIT)
+            raise_ending(node)
     finally:
         executor.remove_node(node)
 
@@ -217,17 +220,20 @@ def spin_until(executor: Executor, done: Callable[[], bool], timeout: float, wha
     """Spin until a predicate holds.
 
     Raises:
-        RledError: it did not hold within ``timeout`` seconds.
+        RledError: it did not hold within ``timeout`` seconds, or a node ends.
     """
     deadline = time.monotonic() + timeout
     while not done():
         if time.monotonic() > deadline:
             raise RledError(f"waited {timeout:g} s for {what}", "", "is the other node running in this ROS_DOMAIN_ID?")
         executor.spin_once(timeout_sec=0.05)
+        for node in executor.get_nodes():
+            raise_ending(node)
 
 
 def fresh_context(domain: int | None = None, arguments: Sequence[str] = ()) -> Context:
     """A context of its own, for composing nodes in one process or for a test."""
+    return_messages()
     context = Context()
     rclpy.init(args=list(arguments), context=context, domain_id=domain)
     return context

@@ -41,13 +41,22 @@ def finite_vector(values: ArrayLike, size: int, what: str) -> Vector:
     return vector
 
 
-@lru_cache
+MOST_JOINTS = 256
+LONGEST_NAME = 256
+"""Characters of a joint's name."""
+
+
+@lru_cache(maxsize=16)  # what it keeps is bounded by the two above: what they refuse is not kept
 def check_names(names: tuple[str, ...], what: str) -> None:
     """Refuse joint names that do not tell joints apart.
 
     Raises:
-        ContractError: none, an empty one, or one twice.
+        ContractError: none, too many, an empty one, one twice, or one that is too long.
     """
+    if len(names) > MOST_JOINTS:
+        raise ContractError(f"{what} has {len(names)} names", f"{MOST_JOINTS} at most")
+    if any(len(name) > LONGEST_NAME for name in names):
+        raise ContractError(f"{what} has a name of {max(map(len, names))} characters", f"{LONGEST_NAME} at most")
     if not names or len(set(names)) != len(names) or not all(names):
         raise ContractError(f"{what} has names {list(names)}", "distinct, non-empty joint names")
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+from rled_msgs_py.callbacks import every
 from rled_msgs_py.command_output import CommandOutput
 from rled_msgs_py.errors import ContractError, RledError
 from rled_msgs_py.life import keeps_time
@@ -120,7 +120,7 @@ class Driving:
 
     def start_timer(self, look: Callable[[], None]) -> None:
         """Call ``look`` by the wall clock."""
-        self._node.create_timer(LOOK, look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        every(self._node, LOOK, look)
 
     def _answer(self, jog: Jog, tick: Tick) -> None:
         self._is_answered = True

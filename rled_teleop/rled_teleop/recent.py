@@ -7,14 +7,15 @@ from rled_msgs_py.bags.header import stamp_of
 from rled_msgs_py.topics import EE_POSE, JOINT_STATES, Topic
 
 RECENT = 8
-"""Messages kept of a topic: state topics may be some ticks apart."""
+"""Joint states and poses that are kept: they may be some ticks apart. Of the other topics it is one."""
 
 
 class Recent:
     """Keeps the newest serialized messages of each topic."""
 
     def __init__(self) -> None:
-        self._messages: defaultdict[Topic, deque[bytes]] = defaultdict(lambda: deque(maxlen=RECENT))
+        self._messages: defaultdict[Topic, deque[bytes]] = defaultdict(lambda: deque(maxlen=1))
+        self._messages |= {topic: deque(maxlen=RECENT) for topic in (JOINT_STATES, EE_POSE)}
 
     def add(self, topic: Topic, data: bytes) -> None:
         """Take a message."""

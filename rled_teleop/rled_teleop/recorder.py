@@ -6,11 +6,11 @@ from functools import partial
 from operator import attrgetter
 from typing import Any
 
-from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rled_msgs_py.bags import BagError, BagWriter
 from rled_msgs_py.bags.header import sim_stamp
+from rled_msgs_py.callbacks import every, listen, serve
 from rled_msgs_py.convert import MESSAGE_CLASSES, qos_profile
 from rled_msgs_py.errors import ContractError
 from rled_msgs_py.messages import decode, encode
@@ -37,6 +37,7 @@ from rled_teleop import __version__
 from rled_teleop.episodes import REACHED, About, Episodes, Refusal, count_of
 from rled_teleop.filing import WRITE_PERIOD, Filing
 from rled_teleop.opening import Early, Opening
+from rled_teleop.readable import Readable
 from rled_teleop.recent import Recent
 from rled_teleop.record_params import RecordParams, extra_topics
 
@@ -64,12 +65,13 @@ class Recorder(Node):
         self._after = self._until = -1  # stamps of the newest tick when the episode began and when the last one ended
         self._silent: list[Topic] = []  # not listened to before somebody publishes there
         self._failure: BagError | None = None
+        self._readable = Readable(self.get_logger().warning)
         self._marks = (advertise(self, MARKED_JOINT_STATES), advertise(self, MARKED_EE_POSE))
         self._events, self._reports = advertise(self, EPISODE_EVENTS), advertise(self, DIAGNOSTICS)
-        self.create_service(SetBool, "~/record", self._on_record)
-        self.create_service(Trigger, "~/keep", partial(self._on_verdict, "keep"))
-        self.create_service(Trigger, "~/discard", partial(self._on_verdict, "discard"))
-        self.create_service(Trigger, "~/mark_pose", self._on_mark_pose)
+        serve(self, SetBool, "~/record", self._on_record)
+        serve(self, Trigger, "~/keep", partial(self._on_verdict, "keep"))
+        serve(self, Trigger, "~/discard", partial(self._on_verdict, "discard"))
+        serve(self, Trigger, "~/mark_pose", self._on_mark_pose)
 
     def begin(self, bag: BagWriter) -> None:
         """Record into an open bag.
@@ -78,10 +80,9 @@ class Recorder(Node):
         that can begin.
         """
         self._filing = Filing(bag, self._topics)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(WRITE_PERIOD, partial(self._safely, self._go_on), clock=steady)
-        self.create_timer(WRITE_PERIOD, self._listen_to_who_speaks, clock=steady)
-        self.create_timer(REPORT_PERIOD, self._report, clock=steady)
+        every(self, WRITE_PERIOD, partial(self._safely, self._go_on))
+        every(self, WRITE_PERIOD, self._listen_to_who_speaks)
+        every(self, REPORT_PERIOD, self._report)
         for topic in DESCRIPTIONS:
             self._listen(topic)
 
@@ -105,9 +106,11 @@ class Recorder(Node):
     def _listen(self, topic: Topic) -> None:
         received = partial(self._safely, self._received, topic)
         qos = qos_profile(replace(topic.qos, depth=HISTORY))
-        self.create_subscription(MESSAGE_CLASSES[topic.type], topic.name, received, qos, raw=True)
+        listen(self, MESSAGE_CLASSES[topic.type], topic.name, qos, received)
 
     def _received(self, topic: Topic, data: bytes) -> None:
+        if not self._readable.holds(topic, data):
+            return
         stamp = sim_stamp(topic.name, topic.type, data) or 0
         if topic in TICKING and stamp < self._recent.stamp(topic):  # the simulation was restarted
             self._after = self._until = -1
@@ -199,6 +202,7 @@ class Recorder(Node):
 
     def _health(self, level: Level, message: str) -> None:
         values = {"episode": str(self._episodes.number), "messages": str(self._filing.kept)}
+        values |= {f"unreadable {name}": str(count) for name, count in self._readable.refused.items()}
         now = self.get_clock().now().nanoseconds
         self._reports.publish(encode(DIAGNOSTICS, Health(now, level, "record_demos: bag", message, values)))
 

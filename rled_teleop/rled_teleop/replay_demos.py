@@ -10,11 +10,11 @@ from pathlib import Path
 from threading import Event
 from typing import Any
 
-from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rled_msgs_py.bags.storage import BagTopic
+from rled_msgs_py.callbacks import every, serve
 from rled_msgs_py.convert import qos_profile
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.node import declare, run_node, spin
@@ -67,8 +67,8 @@ class ReplayDemos(Node):
         self._matched, self._since = [-1], time.monotonic()
         self._screen: Screen | None = None
         self._publish(recording.latched_before(self.params.start), range(sys.maxsize))
-        self.create_service(SetBool, "~/pause", self._on_pause)
-        self.create_timer(LOOK, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        serve(self, SetBool, "~/pause", self._on_pause)
+        every(self, LOOK, self._look)
 
     def listen(self, screen: Screen) -> None:
         """Take keys from a terminal."""

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.node import Node
+from rled_msgs_py.callbacks import ends_node, listen
 from rled_msgs_py.convert import MESSAGE_CLASSES, qos_profile
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.messages import decode
@@ -80,7 +81,7 @@ class TeleopKinesthetic(Node):
         self._follower: Follower | None = None
         self._driving = Driving(self, self._params.beside_agent, self._steer)
         message, qos = MESSAGE_CLASSES[JOINT_STATE], qos_profile(DEVICE_QOS)
-        self.create_subscription(message, self._params.device_topic, self._on_device, qos, raw=True)
+        listen(self, message, self._params.device_topic, qos, self._on_device)
         self._driving.start_timer(self._driving.look)
 
     def _steer(self, jog: Jog, q: NDArray[np.float64]) -> NDArray[np.float64] | None:
@@ -88,7 +89,8 @@ class TeleopKinesthetic(Node):
 
     def _follower_of(self, jog: Jog) -> Follower:
         if self._follower is None or self._follower.mapping.joints != jog.task.joint_names:
-            mapping = RecordingMapping.from_yaml(self._params.mapping, jog.task.joint_names)
+            with ends_node():
+                mapping = RecordingMapping.from_yaml(self._params.mapping, jog.task.joint_names)
             self._follower = Follower(mapping, self._params.speed, self._params.timeout)
         return self._follower
 

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
+from rled_msgs_py.callbacks import ends_node, every
 from rled_msgs_py.command_output import CommandOutput
 from rled_msgs_py.errors import ContractError
 from rled_msgs_py.messages import encode
@@ -68,7 +68,7 @@ class TeleopScripted(Node):
         subscribe(self, TASK_DESCRIPTION, self._on_task)
         subscribe(self, ROBOT_DESCRIPTION, self._on_robot)
         subscribe_ticks(self, self._on_tick)
-        self.create_timer(0.05, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))  # subscribers come late
+        every(self, 0.05, self._on_timer)  # subscribers come late
 
     def _on_task(self, text: Text) -> None:
         self._task = TaskDescription.from_json(text.data)
@@ -107,7 +107,8 @@ class TeleopScripted(Node):
     def _ready(self) -> bool:
         """Whether an operator is there; make it when robot, task and subscribers are."""
         if self._operator is None and self._task is not None and self._urdf and self._is_listened_to():
-            self._operator = scripted_operator(self._task, self._urdf, self._params)
+            with ends_node():
+                self._operator = scripted_operator(self._task, self._urdf, self._params)
             totals = self._operator.points, self._params.trajectories
             self._bars = tuple(map(Progress, ("points marked", "targets reached"), totals))
         return self._operator is not None

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
+from rled_msgs_py.callbacks import raise_ending
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.node import declare
 from rled_msgs_py.processes import Child, Children, program
@@ -175,6 +176,7 @@ def _spin(node: Node, stop: Event, check: Callable[[], None]) -> None:
     try:
         while not stop.is_set() and node.context.ok():
             executor.spin_once(timeout_sec=SPIN)
+            raise_ending(node)
             if (now := time.monotonic()) >= due:
                 due = now + SPIN
                 check()
