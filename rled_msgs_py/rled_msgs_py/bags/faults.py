@@ -113,7 +113,8 @@ def _missing(found: Mapping[str, Series], period: int) -> Iterator[Fault]:
     delta, status = found[JOINT_DELTA.name], found[TASK_STATUS.name]
     if len(delta.stamps):
         last = status.moments[status.values[:, 3] > 0] if len(status.stamps) else ticks[:0]
-        unanswered = ~np.isin(ticks, delta.moments) & ~np.isin(ticks, last)
+        held = status.moments[:-1][holds(status)] if len(status.stamps) else ticks[:0]
+        unanswered = ~np.isin(ticks, delta.moments) & ~np.isin(ticks, [*last, *held])
         for fault in _silences(delta, ticks, unanswered, period):
             if fault.kind == STOPS:
                 yield fault
@@ -143,15 +144,25 @@ def _clock(status: Series, cuts: list[tuple[int, int]]) -> Iterator[Fault]:
     same = np.diff(status.values[:, 0]) == 0
     counted = np.diff(status.values[:, 1])
     cut = np.isin(status.moments[1:], [after for _, after in cuts])
-    lost = same & (counted > 1) & ~cut
-    jumped = same & (counted == 1) & (steps > STEADY * usual) & ~cut
+    long = same & (counted >= 0) & (steps > STEADY * usual) & ~cut
+    in_real_time = bool((holds(status) & (steps < STEADY * usual)).any())  # and then a period may pass without a step
+    lost = same & (counted > 1) & ~cut | long & ((counted == 0) | in_real_time)
     every = tuple(topic.name for topic in STATE_TOPICS)
     for place in np.flatnonzero(lost).tolist():
-        what = f"{int(counted[place]) - 1} ticks are missing: the step counter jumps"
+        missing, why = int(counted[place]) - 1, "the step counter jumps"
+        if in_real_time or missing < 0:
+            missing, why = round(steps[place] / usual) - 1, f"nothing for {steps[place] * 1e-9:.2f} s"
+        what = f"{missing} ticks are missing: {why}"
         yield Fault(LOST, every, int(status.moments[place]), int(status.moments[place + 1]), what)
-    for place in np.flatnonzero(jumped).tolist():
+    for place in np.flatnonzero(long & ~lost & (counted == 1)).tolist():
         what = f"the stamp jumps ahead by {steps[place] * 1e-9:.3f} s within one step"
         yield Fault(CLOCK_JUMP, every, int(status.moments[place]), int(status.moments[place + 1]), what)
+
+
+def holds(status: Series) -> NDArray[np.bool_]:
+    """Whether each status but the last is followed by one of the same step: nobody commanded, shape (k - 1,)."""
+    steps: NDArray[np.bool_] = (np.diff(status.values[:, :2], axis=0) == 0).all(axis=1) & (np.diff(status.moments) > 0)
+    return steps
 
 
 def _long_steps(states: Series, cuts: list[tuple[int, int]]) -> Iterator[Fault]:

@@ -26,6 +26,7 @@ class Timeline(NamedTuple):
         step: step within it, shape (k,).
         reached: targets reached within it, shape (k,).
         action: Δq (rad) that answers the tick, NaN where none does, shape (k, n).
+        is_anew: whether the stamps begin anew with the tick, shape (k,).
     """
 
     moments: Times
@@ -36,6 +37,7 @@ class Timeline(NamedTuple):
     step: NDArray[np.int64]
     reached: NDArray[np.int64]
     action: Floats
+    is_anew: NDArray[np.bool_]
 
     @property
     def answered(self) -> NDArray[np.bool_]:
@@ -79,7 +81,9 @@ def timeline(bag: Bag, found: dict[str, Series] | None = None) -> Timeline:
         episode, step, reached = _counted(goal)
     q = _rows(states, moments)
     q = q[:, order_by_name(states.names, names, JOINT_STATES.name)] if len(q) else q.reshape(0, n)
-    return Timeline(moments, q, _rows(ee, moments)[:, :3], goal, episode, step, reached, action)
+    shift = (states.moments - states.stamps)[_places(states, moments)]
+    is_anew = np.diff(shift, prepend=shift[:1]) != 0
+    return Timeline(moments, q, _rows(ee, moments)[:, :3], goal, episode, step, reached, action, is_anew)
 
 
 def _counted(goal: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
@@ -88,6 +92,11 @@ def _counted(goal: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArra
 
 
 def _rows(part: Series, moments: Times) -> Floats:
-    _, places = np.unique(part.moments, return_index=True)
-    rows: Floats = part.values[places[np.isin(part.moments[places], moments)]]
+    rows: Floats = part.values[_places(part, moments)]
     return rows.reshape(len(moments), -1) if len(moments) else np.empty((0, 7))
+
+
+def _places(part: Series, moments: Times) -> NDArray[np.intp]:
+    """Of the first row at each of some moments, shape (k,)."""
+    _, places = np.unique(part.moments, return_index=True)
+    return places[np.isin(part.moments[places], moments)]

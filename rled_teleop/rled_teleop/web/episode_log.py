@@ -112,8 +112,9 @@ def quality_of(task: TaskDescription, ticks: list[Tick], deltas: dict[int, Delta
     """The measures of one episode by itself; what contradicts others shows in the whole bag only."""
     names = task.joint_names
     nothing = np.full(len(names), np.nan)
+    stamps = np.array([each.stamp for each in ticks], dtype=np.int64)
     line = Timeline(
-        moments=np.array([each.stamp for each in ticks], dtype=np.int64),
+        moments=stamps,
         q=np.array([each.joints.ordered(names).position for each in ticks]),
         position=np.array([each.ee.position for each in ticks]),
         target=np.array([each.target.position for each in ticks]),
@@ -121,6 +122,7 @@ def quality_of(task: TaskDescription, ticks: list[Tick], deltas: dict[int, Delta
         step=np.array([each.status.step for each in ticks]),
         reached=np.array([each.status.targets_reached for each in ticks]),
         action=np.array([deltas[t.stamp].ordered(names).delta if t.stamp in deltas else nothing for t in ticks]),
+        is_anew=np.diff(stamps, prepend=stamps[:1]) < 0,
     )
     ways = tuple(leg for leg in legs(line, []) if leg.first < leg.last)
     whole = Episode(0, int(line.moments[0]), int(line.moments[-1]), ways)
