@@ -9,12 +9,13 @@ from typing import cast
 
 import numpy as np
 
+from rled_msgs_py.bags.columns import payloads, read_record
 from rled_msgs_py.bags.definitions import defines, definition
 from rled_msgs_py.bags.error import BagError
 from rled_msgs_py.bags.folder import open_files
 from rled_msgs_py.bags.storage import BagTopic, Messages, Storage
 from rled_msgs_py.bags.stream import Message, stream
-from rled_msgs_py.bags.tables import JointTable, PoseTable, joint_table, payloads, pose_table, read_record
+from rled_msgs_py.bags.tables import JointTable, PoseTable, joint_table, pose_table
 from rled_msgs_py.errors import ContractError
 from rled_msgs_py.records import Record, Text
 from rled_msgs_py.task import TaskDescription
@@ -103,14 +104,17 @@ class Bag:
         return self._relative(message.topic.name)
 
     def ticks(self) -> Iterator[Tick]:
-        """The states of the simulation, each as one; a stamp at which a topic is missing is left out.
+        """The states of the simulation, each as one; a stamp at which a topic or a joint's position is missing is not.
 
         Raises:
             BagError: a message is damaged or not valid; names it.
         """
-        assembler = TickAssembler()
+        assembler = TickAssembler(self.task.joint_names if self.counts[TASK_DESCRIPTION.name] else ())
         for topic, record in self._records(STATE_TOPICS):
-            tick = assembler.add(topic.name, cast(StateRecord, record))
+            try:
+                tick = assembler.add(topic.name, cast(StateRecord, record))
+            except ContractError:  # a joint is not known
+                continue
             if tick is not None:
                 yield tick
 
@@ -118,7 +122,7 @@ class Bag:
         """All joint messages of a topic.
 
         Raises:
-            BagError: a message is damaged, not valid, or names other joints than the first; names it.
+            BagError: a message is damaged or not valid; names it.
         """
         with self._located():
             return joint_table(topic, self._runs([topic]))

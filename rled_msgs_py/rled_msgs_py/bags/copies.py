@@ -18,7 +18,8 @@ from rled_msgs_py.bags.bag import Bag
 from rled_msgs_py.bags.episodes import CUTS, Episode, cuts, episodes, legs
 from rled_msgs_py.bags.error import BagError
 from rled_msgs_py.bags.header import sim_stamp
-from rled_msgs_py.bags.series import going_on, series
+from rled_msgs_py.bags.series import series
+from rled_msgs_py.bags.stamps import going_on
 from rled_msgs_py.bags.stream import Message
 from rled_msgs_py.bags.timeline import Timeline, timeline
 from rled_msgs_py.bags.writer import BagWriter, require_replaceable
@@ -112,6 +113,29 @@ def drop(bag: Bag, output: Path, numbers: Collection[int], report: Report, *, ov
         return not any(within)
 
     gone = [_gap(line, span, has_events) for span in spans]
+    return _copy(bag, output, stays, sorted(cuts(bag) + gone), report, overwrite)
+
+
+def leave_out(bag: Bag, output: Path, begin: float, end: float, report: Report, *, overwrite: bool = False) -> int:
+    """Copy everything but what lies between ``begin`` and ``end``, in seconds since the first state; returns how many.
+
+    Raises:
+        BagError: no tick is left, the bag is damaged, or the copy cannot be written.
+    """
+    states, line = series(bag, JOINT_STATES).moments, timeline(bag)
+    zero = int(states[0]) if len(states) else next(dated(bag)).moment
+    first, stop = (zero + round(min(max(seconds, -MOST), MOST) * NANOSECONDS) for seconds in (begin, end))
+    before, after = line.moments[line.moments < first], line.moments[line.moments >= stop]
+    if not len(before) + len(after):
+        raise BagError(f"nothing of {bag.path} is left", "a stretch with messages", "see demos info")
+    latest, last = zero, max(int(line.moments[-1]), stop) + NANOSECONDS
+
+    def stays(each: Dated) -> bool:
+        nonlocal latest  # a message that cannot be read may say any time
+        latest = each.moment if zero - NANOSECONDS <= each.moment <= last else latest
+        return each.name in (*DESCRIPTIONS, EPISODE_EVENTS.name) or not first <= latest < stop
+
+    gone = [(int(before[-1]), int(after[0]))] if len(before) and len(after) else []
     return _copy(bag, output, stays, sorted(cuts(bag) + gone), report, overwrite)
 
 

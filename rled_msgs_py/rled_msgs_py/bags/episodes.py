@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from rled_msgs_py.bags.bag import Bag
 from rled_msgs_py.bags.error import BagError
-from rled_msgs_py.bags.series import Times, series
+from rled_msgs_py.bags.series import series
+from rled_msgs_py.bags.stamps import Times
 from rled_msgs_py.bags.timeline import Timeline
 from rled_msgs_py.records import Text
 from rled_msgs_py.topics import EPISODE_EVENTS, MARKED_JOINT_STATES
@@ -101,14 +102,15 @@ def _goes_on(line: Timeline) -> NDArray[np.bool_]:
     """Whether each tick but the first continues the episode of the one before it, shape (k - 1,)."""
     counted = np.diff(line.step)
     anew = line.is_anew[1:] & (counted != 1)  # a clock that was set back while the steps are counted on is no restart
-    return (np.diff(line.episode) == 0) & (counted >= 0) & (np.diff(line.reached) >= 0) & ~anew
+    goes_on: NDArray[np.bool_] = (np.diff(line.episode) == 0) & (counted >= 0) & (np.diff(line.reached) >= 0) & ~anew
+    return goes_on
 
 
 def _parted(line: Timeline, taken_out: list[tuple[int, int]]) -> NDArray[np.bool_]:
     """Whether a part was taken out before each tick but the first, with the target that it led to, shape (k - 1,)."""
     cut = np.isin(line.moments[1:], [after for _, after in taken_out])
-    other = (np.diff(line.reached) != 0) | (np.diff(line.target, axis=0) != 0).any(axis=1)
-    return cut & other
+    cut &= (np.diff(line.reached) != 0) | (np.diff(line.target, axis=0) != 0).any(axis=1)
+    return cut
 
 
 def events(bag: Bag) -> list[dict[str, Any]]:

@@ -1,12 +1,14 @@
 """What is wrong with a recording that can be read: each fault with its time and its remedy."""
 
 from collections.abc import Iterator, Mapping
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rled_msgs_py.bags.series import Series, fallen_back, interleaved
+from rled_msgs_py.bags.series import Series
+from rled_msgs_py.bags.stamps import fallen_back, interleaved
 from rled_msgs_py.tick import STATE_TOPICS
 from rled_msgs_py.topics import EE_POSE, JOINT_DELTA, JOINT_STATES, TASK_STATUS
 
@@ -20,8 +22,8 @@ TOGETHER = 25
 NO_ORDER, TWO_PUBLISHERS, RENAMED, INVALID = "stamps backwards", "two publishers", "names change", "not valid"
 CLOCK_JUMP, STOPS, LOST = "clock jump", "topic stops", "messages lost"
 
-ASIDE = (CLOCK_JUMP, STOPS, LOST)
-"""Faults that spoil the episodes they are in; the others spoil the whole recording."""
+ASIDE = (CLOCK_JUMP, STOPS, LOST, RENAMED, INVALID)
+"""Faults that cost the moments they are at; the others spoil the whole recording."""
 
 
 class Fault(NamedTuple):
@@ -95,9 +97,11 @@ def _zigzag(each: Series, period: int) -> NDArray[np.bool_]:
 def _misfits(each: Series) -> Iterator[Fault]:
     for kind, is_renamed in ((RENAMED, True), (INVALID, False)):
         of_kind = [misfit for misfit in each.misfits if misfit.is_renamed == is_renamed]
-        if of_kind:
-            more = f" (and {len(of_kind) - 1} more)" if len(of_kind) > 1 else ""
-            yield Fault(kind, (each.topic.name,), of_kind[0].moment, of_kind[-1].moment, of_kind[0].what + more)
+        apart = np.flatnonzero(np.diff([misfit.moment for misfit in of_kind]) > SILENCE) + 1
+        for begin, end in pairwise([0, *apart.tolist(), len(of_kind)] if of_kind else []):
+            first, last = of_kind[begin], of_kind[end - 1]
+            more = f" (and {end - begin - 1} more)" if end - begin > 1 else ""
+            yield Fault(kind, (each.topic.name,), first.moment, last.moment, first.what + more)
 
 
 def _missing(found: Mapping[str, Series], period: int) -> Iterator[Fault]:
@@ -109,7 +113,8 @@ def _missing(found: Mapping[str, Series], period: int) -> Iterator[Fault]:
     whole = ticks[np.all([np.isin(ticks, each.moments) for each in states], axis=0)]
     ticks = ticks[ticks >= whole[0]] if len(whole) else ticks  # the recorder came upon the topics one by one
     for each in states:
-        yield from _silences(each, ticks, ~np.isin(ticks, each.moments), period)
+        told = [misfit.moment for misfit in each.misfits]
+        yield from _silences(each, ticks, ~np.isin(ticks, [*each.moments, *told]), period)
     delta, status = found[JOINT_DELTA.name], found[TASK_STATUS.name]
     if len(delta.stamps):
         last = status.moments[status.values[:, 3] > 0] if len(status.stamps) else ticks[:0]

@@ -7,8 +7,8 @@ The score lies between 0 and 1: the share of targets reached, times the geometri
 - presence: 1 − the share of steps in which the robot is idle;
 - agreement: 1 − contradiction.
 
-Motion is measured over the steps that the task counts. A hold, a tick at which nobody commanded in real time, is no part
-of what was demonstrated.
+Motion is measured over the steps that the task counts. A hold, a tick at which nobody commanded in real time, is no
+part of what was demonstrated.
 """
 
 from typing import NamedTuple

@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rled_msgs_py.bags.bag import Bag
-from rled_msgs_py.bags.series import Floats, Series, Times, series
-from rled_msgs_py.records import order_by_name
+from rled_msgs_py.bags.series import Floats, Series, series
+from rled_msgs_py.bags.stamps import Times
+from rled_msgs_py.records import find_by_name
 from rled_msgs_py.tick import STATE_TOPICS
 from rled_msgs_py.topics import JOINT_DELTA, JOINT_STATES
 
@@ -42,7 +43,8 @@ class Timeline(NamedTuple):
     @property
     def answered(self) -> NDArray[np.bool_]:
         """Whether a displacement answers the tick, shape (k,)."""
-        return ~np.isnan(self.action[:, 0])
+        answered: NDArray[np.bool_] = np.all(np.isfinite(self.action), axis=1)
+        return answered
 
 
 def read_series(bag: Bag) -> dict[str, Series]:
@@ -61,7 +63,7 @@ def timeline(bag: Bag, found: dict[str, Series] | None = None) -> Timeline:
 
     Raises:
         BagError: the file is damaged.
-        ContractError: joints other than the task's.
+        ContractError: a joint of the task is in no message.
     """
     found = found or read_series(bag)
     names, n = bag.task.joint_names, bag.task.action_size
@@ -74,13 +76,13 @@ def timeline(bag: Bag, found: dict[str, Series] | None = None) -> Timeline:
     action = np.full((len(moments), n), np.nan)
     _, here, there = np.intersect1d(moments, delta.moments, return_indices=True)
     if len(here):
-        action[here] = delta.values[there][:, order_by_name(delta.names, names, JOINT_DELTA.name)]
+        action[here] = delta.values[there][:, find_by_name(delta.names, names, JOINT_DELTA.name)]
     if len(status.moments):
         episode, step, reached = _rows(status, moments)[:, :3].astype(np.int64).T
     else:
         episode, step, reached = _counted(goal)
     q = _rows(states, moments)
-    q = q[:, order_by_name(states.names, names, JOINT_STATES.name)] if len(q) else q.reshape(0, n)
+    q = q[:, find_by_name(states.names, names, JOINT_STATES.name)] if len(q) else q.reshape(0, n)
     shift = (states.moments - states.stamps)[_places(states, moments)]
     is_anew = np.diff(shift, prepend=shift[:1]) != 0
     return Timeline(moments, q, _rows(ee, moments)[:, :3], goal, episode, step, reached, action, is_anew)
