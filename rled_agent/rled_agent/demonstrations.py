@@ -274,7 +274,8 @@ def _begins(line: Timeline) -> NDArray[np.bool_]:
     steps = np.diff(line.moments, prepend=line.moments[:1])
     usual = np.median(steps[1:]) if len(steps) > 1 else 0.0
     begins: NDArray[np.bool_] = np.any(np.diff(line.target, axis=0, prepend=line.target[:1]) != 0, axis=1)
-    return begins | (np.diff(line.episode, prepend=line.episode[:1]) != 0) | (steps > STEADY * usual)
+    begins |= (np.diff(line.episode, prepend=line.episode[:1]) != 0) | (steps > STEADY * usual)
+    return begins
 
 
 def open_demonstrations(

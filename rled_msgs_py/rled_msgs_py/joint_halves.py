@@ -54,11 +54,9 @@ class JointHalves:
 
     def _value(self, name: str, stamp: int) -> Value | None:
         values = self._values[name]
-        if not values:
+        if not values or (values[-1][0] < stamp and self._keeps_step[name]):  # its publisher may say it yet
             return None
-        exact = next((value for value in reversed(values) if value[0] == stamp), None)
-        if exact is not None:
-            return exact
-        newest = values[-1]
-        is_due = newest[0] > stamp or not self._keeps_step[name]  # its publisher has nothing of this stamp
-        return newest if is_due and abs(newest[0] - stamp) <= MAX_AGE else None
+        before = next((value for value in reversed(values) if value[0] <= stamp), None)
+        if before is not None and (before[0] == stamp or stamp - before[0] <= MAX_AGE):
+            return before
+        return values[-1] if 0 <= values[-1][0] - stamp <= MAX_AGE else None

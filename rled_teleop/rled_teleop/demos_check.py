@@ -27,7 +27,7 @@ class Check:
             print(line_of(fault, found, self.bag))
         if not found.faults:
             print(f"{self.bag}: no faults in {bag.message_count} messages, {len(found.episodes)} episodes")
-        return 1 if found.faults else 0
+        return 1 if found.faults or bag.note else 0
 
 
 def line_of(fault: Fault, found: Review, path: Path) -> str:
@@ -42,7 +42,7 @@ def line_of(fault: Fault, found: Review, path: Path) -> str:
 def remedy(fault: Fault, found: Review, path: Path) -> str:
     """The command that leaves a faulty part out and keeps the most."""
     moments, bag = found.line.moments, shlex.quote(str(path))
-    if falls_back(fault):
+    if fault.kind == NO_ORDER or found.line.is_anew[moments == fault.last].any():  # both sides cannot stay in one bag
         where = found.seconds((fault.first + fault.last) // 2)
         last = found.seconds(int(moments[-1])) if len(moments) else 0.0
         side = f"--to {where:.6f}" if where > last - where else f"--from {where:.6f}"
@@ -53,19 +53,13 @@ def remedy(fault: Fault, found: Review, path: Path) -> str:
     begin = found.seconds(int(before[-1]) + found.period // 2) if len(before) else None
     end = found.seconds(int(after[0]) - found.period // 2) if len(after) else None
     if begin is not None and end is not None:
-        return (
-            f"leave it out with: demos drop {bag} --from {min(begin, end):.6f} --to {max(begin, end):.6f} --output NEW"
-        )
+        stretch = f"--from {min(begin, end):.6f} --to {max(begin, end):.6f}"
+        return f"leave it out with: demos drop {bag} {stretch} --output NEW"
     if begin is not None:
         return f"keep what is before it with: demos trim {bag} --to {begin:.6f} --output NEW"
     if end is not None:
         return f"keep what is after it with: demos trim {bag} --from {end:.6f} --output NEW"
     return "record it again"
-
-
-def falls_back(fault: Fault) -> bool:
-    """Whether stamps begin anew there, so that both sides cannot stay in one bag."""
-    return fault.kind == NO_ORDER or (fault.kind == CLOCK_JUMP and "falls back" in fault.what)
 
 
 def is_between_ticks(fault: Fault) -> bool:

@@ -26,13 +26,15 @@ class Trim:
     """seconds since the first state, by default from the begin"""
     end: Annotated[float, tyro.conf.arg(name="to")] = float("inf")
     """seconds since the first state, by default to the end"""
+    part: int | None = None
+    """of a bag during which the descriptions changed: which part, counted from 1, by default the first"""
     overwrite: bool = False
     """replace a bag that is there"""
 
     def run(self) -> int:
         """Copy; returns the exit code."""
         begin, end = _stretch(self.begin, self.end)
-        bag, options = Bag(self.bag), {"overwrite": self.overwrite}
+        bag, options = Bag(self.bag, self.part), {"overwrite": self.overwrite}
         return _made(self.output, [bag], lambda report: trim(bag, self.output, begin, end, report, **options))
 
 

@@ -159,7 +159,7 @@ def _spans(found: list[dict[str, Any]]) -> list[Episode]:
     spans = dict[int, Episode]()
     for event in found:
         number, stamp = event["episode"], event["stamp"]
-        span = spans.get(number, Episode(number, stamp, FOREVER, ()))
+        span = spans.get(number, Episode(number, 0, FOREVER, ()))  # begun in a part before, if no event tells its start
         if event["event"] == "start":
             span = span._replace(first=stamp)
         elif event["event"] == "stop":
