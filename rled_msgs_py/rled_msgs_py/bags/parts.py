@@ -141,7 +141,7 @@ def _number(order: list[Key], position: int) -> tuple[Key, int]:
 def _look(files: Sequence[Storage], name_of: NameOf) -> _Seen:
     texts: dict[str, list[tuple[int, str]]] = {topic.name: [] for topic in DESCRIPTIONS}
     stamps: dict[str, list[tuple[int, int]]] = {name: [] for name in STATE_NAMES}
-    order, states, counters = list[Key](), list[int](), list[tuple[int, int]]()
+    order, states, counters, tick = list[Key](), list[int](), list[tuple[int, int]](), (-1, -1)
     for key, topic, data in _all(files):
         name, position = name_of(topic), len(order)
         order.append(key)
@@ -150,9 +150,10 @@ def _look(files: Sequence[Storage], name_of: NameOf) -> _Seen:
         elif name in stamps:
             states.append(position)
             stamps[name].append((position, stamp_of(topic.type, data) or 0))
-        if name == TASK_STATUS.name:
-            counters.append((position, _counter(data, counters[-1][1] if counters else 0)))
-    falls = {fall for name, found in [*stamps.items(), (TASK_STATUS.name, counters)] for fall in _falls(name, found)}
+            tick = tick if stamps[name][-1][1] == tick[1] else stamps[name][-1]
+        if name == TASK_STATUS.name:  # its counters begin anew with the tick that it is part of
+            counters.append((tick[0], _counter(data, counters[-1][1] if counters else 0)))
+    falls = {fall for name, found in [*stamps.items(), ("counters", counters)] for fall in _falls(name, found)}
     return _Seen(order, texts, states, _starts(sorted(falls)))
 
 
@@ -187,7 +188,7 @@ def _counter(data: bytes, before: int) -> int:
 
 def _starts(falls: list[tuple[int, str]]) -> list[int]:
     """Positions at which the simulation begins anew, its topics one after the other; the first run begins at 0."""
-    starts, topics = [0], set[str](STATE_NAMES)
+    starts, topics = [0], {*STATE_NAMES, "counters"}
     for position, name in falls:
         if name in topics or position - starts[-1] > TOGETHER:
             starts.append(position)
