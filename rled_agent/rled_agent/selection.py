@@ -1,5 +1,6 @@
-"""Which parts of a recording are learned from: faulty, discarded and poor episodes are left out, and it is said."""
+"""Which parts of a recording are learned from: what is faulty, discarded or poor is left out, and it is said."""
 
+import shlex
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -12,6 +13,9 @@ from rled_msgs_py.topics import EPISODE_EVENTS, MARKED_EE_POSE, MARKED_JOINT_STA
 
 POINTS = {MARKED_JOINT_STATES.name, MARKED_EE_POSE.name}
 """Topics that the points of ζᵃ are read from; the trajectories are read from the others too."""
+
+MOST_TOLD = 5
+"""Faults of which each is told."""
 
 Say = Callable[[str], None]
 
@@ -40,6 +44,7 @@ def select_points(bag: Bag, say: Say) -> None:
     """
     found = review(bag)
     _require_sound(bag, found, [fault for fault in found.faults if set(fault.topics) & POINTS])
+    _say_faults(bag, found, [fault for fault in found.faults if set(fault.topics) & POINTS], say)
     dropped = [episode.number for episode in found.episodes if not episode.kept]
     if dropped:
         say(f"left out: marks of discarded {_names(dropped)}")
@@ -58,7 +63,8 @@ def select_episodes(bag: Bag, min_quality: float, say: Say) -> Episodes:
     """
     found = review(bag)
     _require_sound(bag, found, found.faults)
-    reasons = _reasons(found)
+    reasons = {each.number: "discarded by the operator" for each in found.episodes if not each.kept}
+    _say_faults(bag, found, [each for each in found.faults if set(found.episodes_of(each)) - set(reasons)], say)
     poor = _poor_ways(bag, found, [each for each in found.episodes if each.number not in reasons], min_quality)
     for number, ways in poor.items():
         of = len(next(each for each in found.episodes if each.number == number).legs)
@@ -76,13 +82,18 @@ def select_episodes(bag: Bag, min_quality: float, say: Say) -> Episodes:
     return Episodes(chosen if bag.counts[EPISODE_EVENTS.name] else None, sorted(left_out))
 
 
-def _reasons(found: Review) -> dict[int, str]:
-    """Why episodes are left out, by number: discarded, or faulty."""
-    reasons = {each.number: "discarded by the operator" for each in found.episodes if not each.kept}
-    for fault in found.faults:
-        for number in found.episodes_of(fault):
-            reasons.setdefault(number, f"{fault.kind} at {found.seconds(fault.first):.2f} s: {fault.what}")
-    return reasons
+def _say_faults(bag: Bag, found: Review, faults: list[Fault], say: Say) -> None:
+    """Say in one line which moments are missing; what is around them is learned from."""
+    if not faults:
+        return
+    told = [f"{_when(found, fault)} ({', '.join(fault.topics)}: {fault.what})" for fault in faults[:MOST_TOLD]]
+    more = f" and {len(faults) - MOST_TOLD} more" if len(faults) > MOST_TOLD else ""
+    say(f"left out: {', '.join(told)}{more}; see: demos check {shlex.quote(str(bag.path))}")
+
+
+def _when(found: Review, fault: Fault) -> str:
+    begin, end = found.seconds(fault.first), found.seconds(fault.last)
+    return f"{begin:.2f} s" if fault.first == fault.last else f"{begin:.2f} s to {end:.2f} s"
 
 
 def _poor_ways(bag: Bag, found: Review, sound: list[Episode], least: float) -> dict[int, list[tuple[int, int]]]:

@@ -25,6 +25,7 @@ from rled_msgs_py.records import (
     TaskStatus,
     Text,
     Vector,
+    rates_of,
 )
 from rled_msgs_py.topics import DIAGNOSTIC_ARRAY, JOINT_STATE, POSE_STAMPED, STRING, Topic
 
@@ -125,9 +126,8 @@ def _read_joints(source: CdrReader) -> tuple[int, tuple[str, ...], Vector, Vecto
 
 
 def _joint_sample(source: CdrReader) -> JointSample:
-    """A driver that leaves ``velocity`` empty means zero."""
     stamp, names, position, velocity = _read_joints(source)
-    return JointSample(stamp, names, position, velocity if len(velocity) else np.zeros(len(names)))
+    return JointSample(stamp, names, position, rates_of(velocity, len(names)))
 
 
 def _delta_command(source: CdrReader) -> DeltaCommand:

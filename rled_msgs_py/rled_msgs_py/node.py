@@ -31,9 +31,11 @@ from rled_msgs_py.errors import ContractError, RledError, command_line
 from rled_msgs_py.messages import decode
 from rled_msgs_py.middleware import return_blocks, return_messages
 from rled_msgs_py.params import Spec, build, parameters_of, parse_command_line
+from rled_msgs_py.records import Text
 from rled_msgs_py.stopping import stop_requested
+from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import STATE_TOPICS, StateRecord, Tick, TickAssembler
-from rled_msgs_py.topics import Topic
+from rled_msgs_py.topics import TASK_DESCRIPTION, Topic
 
 P = TypeVar("P")
 STOP_WAIT = 0.1
@@ -77,6 +79,9 @@ def on_set(node: Node, changed: Callable[[list[Parameter]], None]) -> None:
 def subscribe_ticks(node: Node, callback: Callable[[Tick], None], depth: int | None = None) -> None:
     """Call ``callback`` with each complete tick.
 
+    Joints that ``task_description`` does not name are passed over, and samples that name some of its joints only are
+    put together.
+
     Args:
         node: the node.
         callback: takes the tick.
@@ -89,6 +94,10 @@ def subscribe_ticks(node: Node, callback: Callable[[Tick], None], depth: int | N
         if tick is not None:
             callback(tick)
 
+    def meet(text: Text) -> None:
+        assembler.meet(TaskDescription.from_json(text.data).joint_names)
+
+    subscribe(node, TASK_DESCRIPTION, meet, lambda error: None)  # whoever needs the description says what is wrong
     for topic in STATE_TOPICS:
         deep = replace(topic, qos=replace(topic.qos, depth=depth or topic.qos.depth))
         subscribe(node, deep, partial(received, topic.name))

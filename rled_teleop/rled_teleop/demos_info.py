@@ -9,7 +9,8 @@ import numpy as np
 import tyro
 from rled_msgs_py.bags import Bag, Review, review
 from rled_msgs_py.bags.faults import LOST
-from rled_msgs_py.bags.series import Floats, Series, fallen_back
+from rled_msgs_py.bags.series import Floats, Series
+from rled_msgs_py.bags.stamps import fallen_back
 from rled_msgs_py.errors import command
 from rled_msgs_py.messages import NANOSECONDS
 from rled_msgs_py.topics import JOINT_DELTA

@@ -10,6 +10,7 @@ from threading import Event
 
 from rclpy.experimental import EventsExecutor
 from rled_msgs_py.bags import BagError, BagWriter
+from rled_msgs_py.bags.splitting import split
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.node import run_node
 from rled_msgs_py.processes import Child, Children, program
@@ -45,7 +46,8 @@ def record(node: Recorder, stop: Event) -> None:
             operator = _start(children, params) if params.operator != "none" else None
             _spin(node, stop, children, operator)
         node.finish()
-    print(summarise(folder))
+    for path in split(folder) if node.descriptions.warning else [folder]:
+        print(summarise(path))
     if operator is not None and stop.is_set():
         print("interrupted: the operator had not finished", file=sys.stderr)
         sys.exit(130)

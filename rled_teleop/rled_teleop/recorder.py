@@ -12,17 +12,17 @@ from rled_msgs_py.bags import BagError, BagWriter
 from rled_msgs_py.bags.header import sim_stamp
 from rled_msgs_py.callbacks import every, listen, serve
 from rled_msgs_py.convert import MESSAGE_CLASSES, qos_profile
-from rled_msgs_py.errors import ContractError
-from rled_msgs_py.messages import decode, encode
+from rled_msgs_py.joint_halves import MAX_AGE
+from rled_msgs_py.messages import encode
 from rled_msgs_py.node import advertise, declare
 from rled_msgs_py.records import Health, Level, Text
-from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import STATE_TOPICS
 from rled_msgs_py.topics import (
     DIAGNOSTICS,
     EPISODE_EVENTS,
     HUMAN_JOINT_DELTA,
     JOINT_DELTA,
+    JOINT_STATES,
     MARKED_EE_POSE,
     MARKED_JOINT_STATES,
     RECORDED,
@@ -34,6 +34,7 @@ from rled_msgs_py.topics import (
 from std_srvs.srv import SetBool, Trigger
 
 from rled_teleop import __version__
+from rled_teleop.descriptions import Descriptions
 from rled_teleop.episodes import REACHED, About, Episodes, Refusal, count_of
 from rled_teleop.filing import WRITE_PERIOD, Filing
 from rled_teleop.opening import Early, Opening
@@ -52,6 +53,10 @@ LAST_WORDS = Duration(seconds=1)  # for the last report to reach its subscribers
 class Recorder(Node):
     """Records topics into a bag, in episodes.
 
+    Attributes:
+        params: as given.
+        descriptions: of robot and task, as they come.
+
     Services: ``~/record`` (begin an episode, end it), ``~/keep`` and ``~/discard`` (the newest one), ``~/mark_pose``.
     """
 
@@ -59,7 +64,7 @@ class Recorder(Node):
         super().__init__("record_demos", **options)
         self.params = declare(self, RecordParams)
         self._topics = (*extra_topics(self.params.topics), *RECORDED)
-        self._recent = Recent()
+        self._recent, self.descriptions = Recent(), Descriptions()
         self._episodes = Episodes(About(self.params.operator_name or self.params.operator, __version__))
         self._described, self._is_awaited, self._opening = False, not self.params.paused, Opening()
         self._after = self._until = -1  # stamps of the newest tick when the episode began and when the last one ended
@@ -112,11 +117,15 @@ class Recorder(Node):
         if not self._readable.holds(topic, data):
             return
         stamp = sim_stamp(topic.name, topic.type, data) or 0
-        if topic in TICKING and stamp < self._recent.stamp(topic):  # the simulation was restarted
+        slack = MAX_AGE if topic == JOINT_STATES else 0  # which may have several publishers
+        if topic in TICKING and stamp + slack < self._recent.stamp(topic):  # the simulation was restarted
             self._after = self._until = -1
         self._recent.add(topic, data)
         if topic == TASK_STATUS:
             self._episodes.observe(count_of(REACHED, data))
+        if topic in DESCRIPTIONS and not self.descriptions.take(topic, data):
+            self.get_logger().warning(self.descriptions.warning)
+            self._report()
         if topic in DESCRIPTIONS or self._belongs(topic, stamp):
             self._filing.take(topic, data)
         elif self._is_awaited and topic in TICKING:
@@ -146,11 +155,11 @@ class Recorder(Node):
         return stamp <= self._until or (self._episodes.running and stamp > self._after)
 
     def _listen_to_the_rest(self) -> None:
-        text = self._recent.newest(TASK_DESCRIPTION)
-        if self._described or text is None or self._recent.newest(ROBOT_DESCRIPTION) is None:
+        task = self.descriptions.task
+        if self._described or task is None or not self.descriptions.robot:
             return
         self._described = True
-        self._describe(text)
+        self._episodes.describe(task)
         self._silent = [topic for topic in self._topics if topic.qos.durability == "volatile"]
         for topic in self._topics:
             if topic not in (*self._silent, *DESCRIPTIONS, EPISODE_EVENTS):
@@ -168,14 +177,6 @@ class Recorder(Node):
         for topic in found:
             self._silent.remove(topic)
             self._listen(topic)
-
-    def _describe(self, text: bytes) -> None:
-        try:
-            description = decode(TASK_DESCRIPTION, text)
-            assert isinstance(description, Text)
-            self._episodes.describe(TaskDescription.from_json(description.data))
-        except ContractError as error:
-            self.get_logger().error(f"{TASK_DESCRIPTION.name}: {error}")
 
     def _go_on(self) -> None:
         """What is to be done again and again; called on messages too, because a burst of them keeps timers waiting."""
@@ -196,7 +197,9 @@ class Recorder(Node):
 
     def _report(self) -> None:
         doing = f"recording episode {self._episodes.number}" if self._episodes.running else "paused"
-        self._health(Level.OK, doing if self._described else "waiting for a simulation")
+        doing = doing if self._described else "waiting for a simulation"
+        warning = self.descriptions.warning if self._described else ""
+        self._health(Level.WARN if warning else Level.OK, f"{doing}; {warning}" if warning else doing)
         if not self._described:
             self.get_logger().info("waiting for a simulation", throttle_duration_sec=5.0, skip_first=True)
 
@@ -246,7 +249,8 @@ class Recorder(Node):
         return response
 
     def _on_mark_pose(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        pose = self._recent.pose()
+        task = self.descriptions.task
+        pose = self._recent.pose(task.joint_names) if task else None
         response.success = pose is not None and self._episodes.running
         response.message = "marked" if response.success else "paused" if pose else "no state received yet"
         if pose is not None and response.success:

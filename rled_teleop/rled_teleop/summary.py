@@ -78,4 +78,4 @@ def _targets_reached(bag: Bag, after: int) -> int:
         for each in bag.messages(TASK_STATUS)
         if (stamp_of(each.topic.type, each.data) or 0) >= after
     )
-    return sum(now - before for (episode, before), (same, now) in pairwise(counts) if episode == same)
+    return sum(max(0, now - before) for (episode, before), (same, now) in pairwise(counts) if episode == same)

@@ -17,7 +17,8 @@ from rled_msgs_py.bags.episodes import CUTS, Episode, cuts, episodes, event_of, 
 from rled_msgs_py.bags.error import BagError, Unwritten
 from rled_msgs_py.bags.header import sim_stamp
 from rled_msgs_py.bags.holding import require_idle, temporary_folder
-from rled_msgs_py.bags.series import going_on, series
+from rled_msgs_py.bags.series import series
+from rled_msgs_py.bags.stamps import going_on
 from rled_msgs_py.bags.stream import Message
 from rled_msgs_py.bags.timeline import Timeline, timeline
 from rled_msgs_py.bags.writer import BagWriter, making_way, require_replaceable
@@ -117,6 +118,29 @@ def drop(bag: Bag, output: Path, numbers: Collection[int], report: Report, *, ov
 
 def _look_at(bag: Bag) -> str:
     return f"see what it holds with: {command('demos', 'info', bag.path)}"
+
+
+def leave_out(bag: Bag, output: Path, begin: float, end: float, report: Report, *, overwrite: bool = False) -> int:
+    """Copy everything but what lies between ``begin`` and ``end``, in seconds since the first state; returns how many.
+
+    Raises:
+        BagError: no tick is left, the bag is damaged, or the copy cannot be written.
+    """
+    states, line = series(bag, JOINT_STATES).moments, timeline(bag)
+    zero = int(states[0]) if len(states) else next(dated(bag)).moment
+    first, stop = (zero + round(min(max(seconds, -MOST), MOST) * NANOSECONDS) for seconds in (begin, end))
+    before, after = line.moments[line.moments < first], line.moments[line.moments >= stop]
+    if not len(before) + len(after):
+        raise BagError(f"nothing of {bag.path} is left", "a stretch with messages", _look_at(bag))
+    latest, last = zero, max(int(line.moments[-1]), stop) + NANOSECONDS
+
+    def stays(each: Dated) -> bool:
+        nonlocal latest  # a message that cannot be read may say any time
+        latest = each.moment if zero - NANOSECONDS <= each.moment <= last else latest
+        return each.name in (*DESCRIPTIONS, EPISODE_EVENTS.name) or not first <= latest < stop
+
+    gone = [(int(before[-1]), int(after[0]))] if len(before) and len(after) else []
+    return _copy(bag, output, stays, sorted(cuts(bag) + gone), report, overwrite)
 
 
 def _span(episode: Episode, line: Timeline, starts: set[int], has_events: bool) -> tuple[int, int]:

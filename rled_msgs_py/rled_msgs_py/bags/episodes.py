@@ -11,10 +11,12 @@ from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rled_msgs_py.bags.bag import Bag
 from rled_msgs_py.bags.error import BagError
-from rled_msgs_py.bags.series import Times, series
+from rled_msgs_py.bags.series import series
+from rled_msgs_py.bags.stamps import Times
 from rled_msgs_py.bags.timeline import Timeline
 from rled_msgs_py.errors import ContractError
 from rled_msgs_py.foreign import read_json
@@ -81,12 +83,14 @@ def episodes(bag: Bag, line: Timeline) -> list[Episode]:
 
 
 def legs(line: Timeline, taken_out: list[tuple[int, int]]) -> list[Leg]:
-    """The ways to targets; one ends where a counter changes, steps are counted anew or a part was taken out."""
+    """The ways to targets: one ends where the target is reached, the episode changes or the simulation begins anew.
+
+    A tick that repeats the step is a hold: in real time nobody commanded. Ticks that were lost, or taken out while the
+    same target was pursued, part no way either.
+    """
     if not len(line.moments):
         return []
-    same_episode, on = np.diff(line.episode) == 0, np.diff(line.step) > 0
-    cut = np.isin(line.moments[1:], [after for _, after in taken_out])
-    goes_on = same_episode & on & ~cut
+    goes_on = _goes_on(line) & ~_parted(line, taken_out)
     starts = np.flatnonzero(np.append(True, ~goes_on | (np.diff(line.reached) != 0)))
     stops = np.append(starts[1:], len(line.moments))
     found = []
@@ -96,6 +100,21 @@ def legs(line: Timeline, taken_out: list[tuple[int, int]]) -> list[Leg]:
             reached = led_on and bool(line.reached[stop] > line.reached[stop - 1])
             found.append(Leg(first, stop if led_on else stop - 1, reached))
     return found
+
+
+def _goes_on(line: Timeline) -> NDArray[np.bool_]:
+    """Whether each tick but the first continues the episode of the one before it, shape (k - 1,)."""
+    counted = np.diff(line.step)
+    anew = line.is_anew[1:] & (counted != 1)  # a clock that was set back while the steps are counted on is no restart
+    goes_on: NDArray[np.bool_] = (np.diff(line.episode) == 0) & (counted >= 0) & (np.diff(line.reached) >= 0) & ~anew
+    return goes_on
+
+
+def _parted(line: Timeline, taken_out: list[tuple[int, int]]) -> NDArray[np.bool_]:
+    """Whether a part was taken out before each tick but the first, with the target that it led to, shape (k - 1,)."""
+    cut = np.isin(line.moments[1:], [after for _, after in taken_out])
+    cut &= (np.diff(line.reached) != 0) | (np.diff(line.target, axis=0) != 0).any(axis=1)
+    return cut
 
 
 def events(bag: Bag) -> list[dict[str, Any]]:
@@ -158,7 +177,7 @@ def _spans(found: list[dict[str, Any]]) -> list[Episode]:
     spans = dict[int, Episode]()
     for event in found:
         number, stamp = event["episode"], event["stamp"]
-        span = spans.get(number, Episode(number, stamp, FOREVER, ()))
+        span = spans.get(number, Episode(number, 0, FOREVER, ()))  # begun in a part before, if no event tells its start
         if event["event"] == "start":
             span = span._replace(first=stamp)
         elif event["event"] == "stop":

@@ -10,7 +10,7 @@ from rled_msgs_py.bags.copies import DESCRIPTIONS, Cuts, Report, dated, whole
 from rled_msgs_py.bags.episodes import CUTS, Episode, cuts, episodes, events
 from rled_msgs_py.bags.error import BagError
 from rled_msgs_py.bags.header import moved
-from rled_msgs_py.bags.series import fallen_back
+from rled_msgs_py.bags.stamps import fallen_back
 from rled_msgs_py.bags.timeline import Timeline, timeline
 from rled_msgs_py.bags.writer import BagWriter
 from rled_msgs_py.errors import command

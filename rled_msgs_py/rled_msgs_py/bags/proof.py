@@ -8,12 +8,12 @@ from typing import NamedTuple
 from mcap.records import Channel, Chunk, McapRecord, Message
 from mcap.stream_reader import StreamReader, breakup_chunk
 
+from rled_msgs_py.bags.columns import payloads
 from rled_msgs_py.bags.error import BagError
 from rled_msgs_py.bags.mcap_chunks import Chunk as Packed
 from rled_msgs_py.bags.mcap_chunks import unpack
 from rled_msgs_py.bags.mcap_file import McapFile
 from rled_msgs_py.bags.mcap_records import walk
-from rled_msgs_py.bags.tables import payloads
 
 
 class Content(NamedTuple):

@@ -1,7 +1,7 @@
 """What a bag's reader asks of a file format."""
 
 from collections.abc import Collection, Iterator, Mapping
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +49,10 @@ class Messages(NamedTuple):
     publish_time: NDArray[np.int64]
     start: NDArray[np.int64]
     size: NDArray[np.int64]
+
+    def chosen(self, which: NDArray[Any]) -> "Messages":
+        """Some of them: a mask of shape (k,), or places."""
+        return Messages(self.data, *(column[which] for column in self[1:]))
 
 
 class Storage(Protocol):

@@ -65,4 +65,5 @@ class Rows:
             step=step,
             reached=reached,
             action=action[:, order],
+            is_anew=np.diff(moments, prepend=moments[:1]) < 0,
         )
