@@ -9,12 +9,11 @@ from typing import NamedTuple
 import rclpy
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 from rled_msgs_py.bags import BagWriter
 from rled_msgs_py.bags.header import stamp_of
 from rled_msgs_py.convert import MESSAGE_CLASSES, qos_profile
 from rled_msgs_py.errors import RledError
-from rled_msgs_py.node import spin
+from rled_msgs_py.node import spin, start_ros
 from rled_msgs_py.stopping import stop_requested
 from rled_msgs_py.tick import STATE_TOPICS
 from rled_msgs_py.topics import JOINT_STATES, RECORDED, Qos, Topic
@@ -93,7 +92,7 @@ def receive_demonstrations(path: Path) -> int:
     Raises:
         RledError: nothing was heard, or it cannot be written.
     """
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    start_ros()
     try:
         with stop_requested() as stop:
             node = LiveDemonstrations()

@@ -69,13 +69,13 @@ def _can_go_on(folder: Path, run: Run) -> bool:
     begun = folder / BEGUN
     if run.command[0] != RESUMES or not (folder / "checkpoint.safetensors").is_file() or not begun.is_file():
         return False
-    return begun.read_text() == shlex.join(run.command)
+    return begun.read_text(encoding="utf-8") == shlex.join(run.command)
 
 
 def record_of(root: Path, name: RunName) -> dict[str, Any] | None:
     """What ``execute`` wrote of a run that is done; None of any other."""
     try:
-        record: dict[str, Any] = json.loads((root / name.folder / RECORD).read_text())
+        record: dict[str, Any] = json.loads((root / name.folder / RECORD).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
     return record
@@ -91,12 +91,12 @@ def keep(folder: Path, kept: Path) -> None:
     """Copy a run's settings and figures, not its weights, to where they are kept for good."""
     for path in sorted(folder.iterdir()):
         if path.suffix in (".json", ".csv"):
-            write_whole(kept / path.name, path.read_text())
+            write_whole(kept / path.name, path.read_text(encoding="utf-8"))
 
 
 def processor() -> str:
     """The processor's name."""
-    for line in Path("/proc/cpuinfo").read_text().splitlines():
+    for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
         if line.startswith("model name"):
             return line.partition(":")[2].strip()
     return platform.machine()

@@ -157,7 +157,7 @@ def read_experiment(path: Path) -> Experiment:
         ExperimentError: what is wrong with it.
     """
     try:
-        values = tomllib.loads(path.read_text())
+        values = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, tomllib.TOMLDecodeError) as error:
         raise ExperimentError(f"{path}: {error}", "a TOML file") from None
     variants = {name: _record(Variant, each, path) for name, each in values.pop("variants", {}).items()}

@@ -137,24 +137,27 @@ def policy_name(policy: str, variant: str, folders: Folders) -> str:
 def read_experts(drawing: Drawing, folders: Folders) -> list[float]:
     """What the cloned expert of each run of the first variant came to, by the actor's metric."""
     name = drawing.metric.removeprefix("evaluation_")
-    return [float(json.loads((run / "expert.json").read_text())[name]) for run in next(iter(folders.values()))]
+    return [
+        float(json.loads((run / "expert.json").read_text(encoding="utf-8"))[name])
+        for run in next(iter(folders.values()))
+    ]
 
 
 def read_bands(run: Path) -> dict[str, dict[str, dict[str, Any]]]:
     """What ``evaluate_agent`` found: band, policy, figure."""
-    bands: dict[str, dict[str, dict[str, Any]]] = json.loads((run / "evaluation.json").read_text())
+    bands: dict[str, dict[str, dict[str, Any]]] = json.loads((run / "evaluation.json").read_text(encoding="utf-8"))
     return bands
 
 
 def read_episodes(run: Path) -> dict[str, dict[str, float]]:
     """What ``evaluate_agent`` found in whole episodes: policy, figure."""
-    episodes: dict[str, dict[str, float]] = json.loads((run / "episodes.json").read_text())
+    episodes: dict[str, dict[str, float]] = json.loads((run / "episodes.json").read_text(encoding="utf-8"))
     return episodes
 
 
 def read_courses(run: Path, band: str) -> dict[str, list[Course]]:
     """Motions that ``evaluate_agent`` kept of a band, by policy."""
-    courses: dict[str, list[list[list[float]]]] = json.loads((run / "motions.json").read_text())[band]
+    courses: dict[str, list[list[list[float]]]] = json.loads((run / "motions.json").read_text(encoding="utf-8"))[band]
     return {policy: [Course(*each) for each in group] for policy, group in courses.items()}
 
 

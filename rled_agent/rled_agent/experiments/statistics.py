@@ -63,7 +63,7 @@ class Estimate(NamedTuple):
 
 def read_columns(path: Path) -> dict[str, Floats]:
     """The columns of a CSV file of numbers, by name."""
-    with path.open(newline="") as file:
+    with path.open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     return {name: np.array([float(row[name]) for row in rows]) for name in (rows[0] if rows else {})}
 
