@@ -13,7 +13,7 @@ from rled_agent.controller import ActorSettings
 class AgentParams:
     """Parameters of the agent node; those of the gate and Φ may be set while it runs."""
 
-    expert: str = param("out/expert/expert.safetensors", "weights that train_expert wrote", read_only=True)
+    expert: str = param("out/expert/expert.safetensors", "weights of train_expert, or their folder", read_only=True)
     agent: str = param("", "policy that train_agent wrote; empty: the expert drives alone", read_only=True)
     threshold: float = param(1e-3, "ξ: at this uncertainty or more the expert acts", low=0.0, high=1e9)
     measure: str = param("qcd", "uncertainty that is compared with the threshold", choices=("qcd", "iqr"))

@@ -16,6 +16,8 @@ from rled_agent.scaling import Scaling
 
 FORMAT = "rled-policy"
 VERSION = 1
+FILES = ("policy.safetensors", "expert.safetensors")
+"""What trainings call the policy in their folder."""
 SCALING = ("observation_center", "observation_scale", "action_center", "action_scale")
 
 
@@ -56,12 +58,27 @@ class Policy:
         write_tensors(path, tensors, header)
 
 
+def policy_file(path: Path) -> Path:
+    """The policy at a path: the file itself, or the one in the folder of a training.
+
+    Raises:
+        CheckpointError: a folder that holds none.
+    """
+    if not path.is_dir():
+        return path
+    found = [path / name for name in FILES if (path / name).is_file()]
+    if not found:
+        raise CheckpointError(f"there is no policy in {path}", " or ".join(FILES))
+    return found[0]
+
+
 def load_policy(path: Path) -> Policy:
-    """Read a policy that ``Policy.save`` wrote.
+    """Read a policy that ``Policy.save`` wrote, from its file or from the folder of a training.
 
     Raises:
         CheckpointError: missing, damaged, of another program or version, or of other shapes.
     """
+    path = policy_file(path)
     header, tensors = read_tensors(path, FORMAT, VERSION)
     try:
         description, saved = header["task"], json.loads(header["architecture"])
