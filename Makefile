@@ -32,6 +32,8 @@ setup: .venv/packages.stamp ## Make .venv with Python 3.11 from requirements.loc
 
 .venv/packages.stamp: .venv/lock.stamp $(wildcard $(PACKAGES:%=%/setup.py) $(PACKAGES:%=%/setup.cfg))
 	$(BIN)/python -m pip install $(EDITABLE)
+	@mkdir -p .venv/share/rled_sim && cp rled_sim/package.xml .venv/share/rled_sim  # editable packages have no share
+	@ln -sfn ../../lib/python3.11/site-packages/pybullet_data .venv/share/rled_sim/robots
 	@touch $@
 
 demo: setup ## Record a demonstration, learn it, drive the robot; results in out/demo.

@@ -23,7 +23,7 @@ class AgentParams:
     What the gate compares comes with the policy unless it is given.
     """
 
-    expert: str = param("out/expert/expert.safetensors", "weights that train_expert wrote", read_only=True)
+    expert: str = param("out/expert/expert.safetensors", "weights of train_expert, or their folder", read_only=True)
     agent: str = param("", "policy that train_agent wrote; empty: the expert drives alone", read_only=True)
     threshold: float = param(
         -1.0, "ξ: at this uncertainty or more the expert acts; -1: as the policy was trained", low=-1.0, high=1e9

@@ -119,7 +119,7 @@ def _report(panda: Path, planar: Path, output: Path) -> None:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    values: dict[str, Any] = json.loads(path.read_text())
+    values: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     return values
 
 

@@ -26,7 +26,7 @@ from rled_agent.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
 from rled_agent.config import TrainConfig
 from rled_agent.learner import Learner
 from rled_agent.learning_state import origin_of, pack, require_origin, restoring, unpack
-from rled_agent.policy import load_policy
+from rled_agent.policy import load_policy, policy_file
 from rled_agent.replay import Batch, Replay
 from rled_agent.run_directory import RunDirectory
 from rled_agent.weight_slot import WeightSlot
@@ -69,7 +69,7 @@ class Student:
     """
 
     def __init__(self, options: Options) -> None:
-        policy, run = load_policy(options.policy), RunDirectory(options.policy.parent)
+        policy, run = load_policy(options.policy), RunDirectory(policy_file(options.policy).parent)
         config = run.settings() if run.config_path.exists() else TrainConfig()
         sizes = policy.network.sizes[0], policy.network.sizes[-1]
         settings = replace(config.learner, actor=policy.network.architecture)

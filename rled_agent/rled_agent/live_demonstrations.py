@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import rclpy
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 from rled_msgs_py.bags import BagWriter
 from rled_msgs_py.bags.header import stamp_of
 from rled_msgs_py.callbacks import every, listen
@@ -16,7 +15,7 @@ from rled_msgs_py.convert import MESSAGE_CLASSES, qos_profile
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.messages import require_size
 from rled_msgs_py.middleware import return_messages
-from rled_msgs_py.node import spin
+from rled_msgs_py.node import spin, start_ros
 from rled_msgs_py.stopping import stop_requested
 from rled_msgs_py.tick import STATE_TOPICS
 from rled_msgs_py.topics import JOINT_STATES, RECORDED, Qos, Topic
@@ -97,7 +96,7 @@ def receive_demonstrations(path: Path) -> int:
         RledError: nothing was heard, or it cannot be written.
     """
     return_messages()
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    start_ros()
     try:
         with stop_requested() as stop:
             node = LiveDemonstrations()

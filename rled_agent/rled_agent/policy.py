@@ -21,6 +21,8 @@ from rled_agent.uncertainty import GateSettings
 
 FORMAT = "rled-policy"
 VERSION = 1
+FILES = ("policy.safetensors", "expert.safetensors")
+"""What trainings call the policy in their folder."""
 SCALING = ("observation_center", "observation_scale", "action_center", "action_scale")
 
 
@@ -64,13 +66,30 @@ class Policy:
         write_tensors(path, tensors, header)
 
 
+def policy_file(path: Path) -> Path:
+    """The policy at a path: the file itself, or the one in the folder of a training.
+
+    Raises:
+        CheckpointError: a folder that holds none.
+    """
+    if not path.is_dir():
+        return path
+    found = [path / name for name in FILES if (path / name).is_file()]
+    if not found:
+        raise CheckpointError(f"there is no policy in {path}", " or ".join(FILES))
+    return found[0]
+
+
 def load_policy(path: Path) -> Policy:
-    """Read a policy that ``Policy.save`` wrote, from wherever it comes: it costs no more than its file explains.
+    """Read a policy that ``Policy.save`` wrote, from its file or from the folder of a training.
+
+    From wherever it comes, it costs no more than its file explains.
 
     Raises:
         CheckpointError: missing, damaged, of another program or version, of other shapes, or with numbers that are
             not finite.
     """
+    path = policy_file(path)
     with open_tensors(path, FORMAT, VERSION) as file:
         task, architecture, gate = _described(file)
         sizes = len(task.observation_bounds()[0]), task.action_size

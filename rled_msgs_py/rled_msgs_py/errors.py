@@ -7,6 +7,7 @@ import shlex
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import NoReturn, TextIO
 
 MAX_LENGTH = 1000
 """Characters of what an error quotes; names and values of other processes may have millions."""
@@ -58,18 +59,35 @@ def command_line(main: Callable[[], None]) -> Callable[[], None]:
     @functools.wraps(main)
     def wrapped() -> None:
         try:
-            main()
-            sys.stdout.flush()
-        except (RledError, OSError) as error:
+            _flushed(main)
+        except (RledError, OSError, UnicodeError, MemoryError) as error:
             if isinstance(error, BrokenPipeError) and _nobody_reads():
                 sys.exit(141)
-            print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
-            sys.exit(2)
+            _end(f"error: {' '.join(str(error).split()) or 'out of memory'}", 2)
         except KeyboardInterrupt:
-            print("interrupted", file=sys.stderr)
-            sys.exit(130)
+            _end("interrupted", 130)
 
     return wrapped
+
+
+def _flushed(main: Callable[[], None]) -> None:
+    try:
+        main()
+    except SystemExit:  # after --help, say
+        sys.stdout.flush()
+        raise
+    sys.stdout.flush()
+
+
+def _end(line: str, code: int) -> NoReturn:
+    """Say a last line and exit; what a stream does not take is dropped, or the interpreter would complain of it."""
+    for stream, text in ((sys.stdout, ""), (sys.stderr, f"{line}\n")):
+        try:
+            stream.write(text)
+            stream.flush()
+        except OSError:
+            _drop(stream)
+    sys.exit(code)
 
 
 def _nobody_reads() -> bool:
@@ -78,5 +96,9 @@ def _nobody_reads() -> bool:
     poll.register(sys.stdout, 0)
     gone = any(event & select.POLLERR for _, event in poll.poll(0))
     if gone:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _drop(sys.stdout)
     return gone
+
+
+def _drop(stream: TextIO) -> None:
+    os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())

@@ -1,7 +1,7 @@
 """Starting a node, its parameters and its end, the same way for every node of the graph."""
 
 import gc
-import os
+import re
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -19,6 +19,7 @@ from rcl_interfaces.msg import (
 )
 from rclpy.context import Context
 from rclpy.executors import Executor, SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
@@ -27,6 +28,7 @@ from rclpy.subscription import Subscription
 
 from rled_msgs_py.callbacks import guarded, listen, raise_ending, shield_services
 from rled_msgs_py.convert import MESSAGE_CLASSES, qos_profile
+from rled_msgs_py.environment import one_line, settle
 from rled_msgs_py.errors import ContractError, RledError, command_line
 from rled_msgs_py.messages import decode
 from rled_msgs_py.middleware import return_blocks, return_messages
@@ -38,6 +40,7 @@ from rled_msgs_py.tick import STATE_TOPICS, StateRecord, Tick, TickAssembler
 from rled_msgs_py.topics import TASK_DESCRIPTION, Topic
 
 P = TypeVar("P")
+RCLError: type[Exception] = rclpy_implementation.RCLError
 STOP_WAIT = 0.1
 """Longest wait for work before a request to stop is looked at (s)."""
 
@@ -164,10 +167,29 @@ def declare(node: Node, params: type[P], changed: Callable[[P], None] | None = N
     return record
 
 
-def _require_domain() -> None:
-    domain = os.environ.get("ROS_DOMAIN_ID", "0") or "0"
-    if not domain.isdigit() or int(domain) > 101:
-        raise RledError(f"ROS_DOMAIN_ID is '{domain}'", "0 to 101", "set another domain id")
+def start_ros(arguments: Sequence[str] = (), context: Context | None = None, domain: int | None = None) -> None:
+    """``rclpy.init`` without its signal handlers, after a look at what it will read.
+
+    Args:
+        arguments: program and ``--ros-args ...``.
+        context: which one; the default one by default.
+        domain: in place of ``ROS_DOMAIN_ID``.
+
+    Raises:
+        RledError: a variable, an argument or a parameter file that ROS does not take.
+    """
+    settle(arguments, with_domain=domain is None)
+    options = SignalHandlerOptions.NO
+    try:
+        with one_line():
+            rclpy.init(args=list(arguments), context=context, domain_id=domain, signal_handler_options=options)
+    except Exception as error:  # rclpy raises several unrelated types here
+        raise _not_started(error) from None
+
+
+def _not_started(error: Exception) -> RledError:
+    reason = re.sub(r", at /\S+:\d+", "", str(error)) or type(error).__name__
+    return RledError(f"ROS does not start: {reason}", "", "see what follows --ros-args, and the variables ROS_...")
 
 
 def run_node(
@@ -190,14 +212,13 @@ def run_node(
     def main() -> None:
         given, ros_arguments = parse_command_line(params, program, summary, sys.argv[1:])
         overrides = [Parameter(name, value=value) for name, value in given.items()]
-        _require_domain()
         return_messages()
         return_blocks()
-        rclpy.init(args=[program, *ros_arguments], signal_handler_options=SignalHandlerOptions.NO)
         node: Node | None = None
         with stop_requested() as stop:  # to the end: who asks twice does not cut short what is being saved
             try:
-                node = make(parameter_overrides=overrides)
+                start_ros([program, *ros_arguments])
+                node = _made(make, overrides)
                 gc.freeze()  # what the imports brought is never looked at again: shorter pauses, a quicker end
                 (work or spin)(node, stop)
             finally:
@@ -206,6 +227,13 @@ def run_node(
                 rclpy.try_shutdown()
 
     command_line(main)()
+
+
+def _made(make: Callable[..., Node], overrides: list[Parameter]) -> Node:
+    try:
+        return make(parameter_overrides=overrides)
+    except RCLError as error:
+        raise _not_started(error) from None
 
 
 def spin(node: Node, stop: Event, executor: Executor | None = None) -> None:
@@ -244,5 +272,5 @@ def fresh_context(domain: int | None = None, arguments: Sequence[str] = ()) -> C
     """A context of its own, for composing nodes in one process or for a test."""
     return_messages()
     context = Context()
-    rclpy.init(args=list(arguments), context=context, domain_id=domain)
+    start_ros(arguments, context, domain)
     return context

@@ -72,7 +72,7 @@ def _can_go_on(folder: Path, run: Run, root: Path) -> bool:
     begun = folder / BEGUN
     if run.command[0] != RESUMES or not (folder / CHECKPOINT).is_file() or not begun.is_file():
         return False
-    return begun.read_text() == _begun(run, root)
+    return begun.read_text(encoding="utf-8") == _begun(run, root)
 
 
 def _begun(run: Run, root: Path) -> str:
@@ -103,12 +103,12 @@ def keep(folder: Path, kept: Path) -> None:
     """Copy a run's settings and figures, not its weights, to where they are kept for good."""
     for path in sorted(folder.iterdir()):
         if path.suffix in (".json", ".csv"):
-            write_whole(kept / path.name, path.read_text())
+            write_whole(kept / path.name, path.read_text(encoding="utf-8"))
 
 
 def processor() -> str:
     """The processor's name."""
-    for line in Path("/proc/cpuinfo").read_text().splitlines():
+    for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
         if line.startswith("model name"):
             return line.partition(":")[2].strip()
     return platform.machine()

@@ -193,7 +193,11 @@ def require_replaceable(path: Path, overwrite: bool) -> None:
     if foreign:
         raise BagError(f"{path} exists and is no bag: it holds {foreign[0]}", "a folder that is not there yet")
     if not overwrite and any(path.iterdir()):
-        raise BagError(f"{path} exists", "a folder that is not there yet", "choose another name, or allow overwriting")
+        raise BagError(
+            f"{path} exists",
+            "a folder that is not there yet",
+            "choose another name, or --overwrite (overwrite:=true in a launch file)",
+        )
 
 
 def _is_of_a_bag(name: str) -> bool:
