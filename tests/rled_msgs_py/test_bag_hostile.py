@@ -206,9 +206,9 @@ def test_constant_images_are_read_although_they_pack_ten_thousand_times(tmp_path
     assert [len(each.data) for each in Bag(tmp_path / "a.mcap").messages()] == [1 << 20] * 30
 
 
-def test_as_many_channels_as_mcap_can_have_are_read_and_repaired(tmp_path):
+def test_twenty_thousand_channels_are_read_and_repaired(tmp_path):
     records = b"".join(
-        packed(Schema(k, b"", "json", f"n{k}")) + packed(Channel(k, f"/t{k}", "json", {}, k)) for k in range(1, 1 << 16)
+        packed(Schema(k, b"", "json", f"n{k}")) + packed(Channel(k, f"/t{k}", "json", {}, k)) for k in range(1, 20_001)
     )
     records += message_record(9, 0, 7, 7, b"{}")
     path = mcap(tmp_path / "a.mcap", chunk("zstd", zstandard.compress(records), len(records)))
