@@ -42,7 +42,7 @@ class ContractError(RledError):
 
 def command(*words: str | Path) -> str:
     """A command to paste into a shell, as in a remedy: ``command("demos", "repair", path)``."""
-    return shlex.join(map(str, words))
+    return shlex.join(f"./{word}" if isinstance(word, Path) and str(word)[0] == "-" else str(word) for word in words)
 
 
 class Unreadable(ContractError):

@@ -92,6 +92,7 @@ def test_a_command_in_a_remedy_survives_a_shell():
     said = command("demos", "info", Path("/data/it's mine; $HOME"))
     assert shlex.split(said) == ["demos", "info", "/data/it's mine; $HOME"]
     assert command("demos", "repair", Path("bags/one")) == "demos repair bags/one"
+    assert command("demos", "repair", Path("--help")) == "demos repair ./--help"
 
 
 SPEAKING = """

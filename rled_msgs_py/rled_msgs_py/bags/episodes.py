@@ -134,8 +134,9 @@ def cuts(bag: Bag) -> list[tuple[int, int]]:
     """
     text = bag.metadata.get(CUTS, "[]")
     try:
-        found = [(before, after) for before, after in read_json(text, CUTS)]
-        if all(map(_is_moment, chain.from_iterable(found))):
+        pairs = read_json(text, CUTS)
+        found = [(before, after) for before, after in pairs]
+        if isinstance(pairs, list) and all(map(_is_moment, chain.from_iterable(found))):
             return found
     except (ContractError, ValueError, TypeError):
         pass

@@ -128,8 +128,10 @@ def read_metadata(folder: Path) -> Contents:
 def _contents(found: Mapping[str, Any]) -> Contents:
     paths, count = found["relative_file_paths"], found["message_count"]
     files = [Path(_text(path)).name for path in paths]  # old versions wrote paths from the folder above
-    if type(count) is not int or count < 0 or not isinstance(paths, list) or len(set(files)) < len(files):
-        raise ValueError
+    if not isinstance(paths, list) or len(set(files)) < len(files) or any("\0" in name for name in files):
+        raise ValueError("relative_file_paths are not files of the folder")
+    if type(count) is not int or not 0 <= count < NO_TIME:
+        raise ValueError("message_count is no count")
     return Contents(files, count, _custom(found))
 
 

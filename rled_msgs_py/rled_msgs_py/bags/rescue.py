@@ -1,5 +1,6 @@
 """What is whole in an MCAP file and its journals, whatever has become of the rest."""
 
+from collections import deque
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from mmap import mmap
@@ -46,25 +47,26 @@ class Summary(NamedTuple):
 
     Attributes:
         definitions: of all channels, if they are repeated there.
-        chunks: where each begins, the opcode included.
+        chunks: where the record of each begins and ends.
         statistics: its counts, if there are any.
     """
 
     definitions: Definitions
-    chunks: list[int]
+    chunks: list[tuple[int, int]]
     statistics: Statistics | None
 
 
 def summary_of(data: mmap) -> Summary:
     """Read the summary from the end of a file; an empty one where it is missing or not as it was written."""
-    found, counts, chunks = Definitions(), None, list[int]()
+    found, counts, chunks = Definitions(), None, list[tuple[int, int]]()
     try:
         for opcode, start, stop in _summary_records(data):
             found.take(opcode, data, start, stop)
             if opcode == Opcode.STATISTICS:
                 counts = parse(Statistics, data, start, stop)
             elif opcode == Opcode.CHUNK_INDEX:
-                chunks.append(parse(ChunkIndex, data, start, stop).chunk_start_offset)
+                index = parse(ChunkIndex, data, start, stop)
+                chunks.append((index.chunk_start_offset, index.chunk_start_offset + index.chunk_length))
     except Damage:
         return Summary(Definitions(), [], None)
     return Summary(found, sorted(chunks), counts)
@@ -131,28 +133,25 @@ def _records(data: mmap, summary: Summary, lost: list[str]) -> Iterator[tuple[in
 
 def _top_records(data: mmap, summary: Summary) -> Iterator[tuple[int, int, int]]:
     """The records outside chunks, and the chunks; where a wrong length leads astray, those that the summary knows."""
-    left = iter(summary.chunks)
-    next_ = next(left, None)
+    known = deque(each for each in summary.chunks if _is_chunk(data, *each))
     for opcode, start, stop in walk(data, len(MAGIC), len(data)):
         if opcode in (Opcode.DATA_END, Opcode.FOOTER):
             break
-        while next_ is not None and next_ < start - HEAD.size:
-            yield from _chunk_at(data, next_)
-            next_ = next(left, None)
-        if next_ == start - HEAD.size:
-            next_ = next(left, None)
-        yield opcode, start, stop
-    while next_ is not None:
-        yield from _chunk_at(data, next_)
-        next_ = next(left, None)
+        while known and known[0][0] < start - HEAD.size:
+            yield _span(*known.popleft())
+        if known and known[0][0] == start - HEAD.size:
+            yield _span(*known.popleft())
+        else:
+            yield opcode, start, stop
+    yield from (_span(*each) for each in known)
 
 
-def _chunk_at(data: mmap, begin: int) -> Iterator[tuple[int, int, int]]:
-    if 0 < begin <= len(data) - HEAD.size:
-        opcode, length = HEAD.unpack_from(data, begin)
-        start = begin + HEAD.size
-        if opcode == Opcode.CHUNK and length <= len(data) - start:
-            yield opcode, start, start + length
+def _is_chunk(data: mmap, begin: int, end: int) -> bool:
+    return len(MAGIC) <= begin < end - HEAD.size and end <= len(data) and data[begin] == Opcode.CHUNK
+
+
+def _span(begin: int, end: int) -> tuple[int, int, int]:
+    return Opcode.CHUNK, begin + HEAD.size, end
 
 
 def journaled(file: Path, lost: list[str]) -> dict[int, Rescued]:
