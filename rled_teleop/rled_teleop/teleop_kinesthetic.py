@@ -64,9 +64,8 @@ class Follower:
             RledError: the device lacks a joint, or is where no robot can follow.
         """
         wanted = self.mapping.device_joints
-        told = {
-            name: angle for name, angle in zip(sample.names, sample.position.tolist(), strict=True) if name in wanted
-        }
+        values = zip(sample.names, sample.position.tolist(), strict=True)
+        told = {name: angle for name, angle in values if name in wanted}
         if not told and now < self._until:  # of a gripper, beside an arm that is heard
             return
         recent = {name: heard for name, heard in self._heard.items() if now < heard[1] + self._timeout}

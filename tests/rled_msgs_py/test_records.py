@@ -18,12 +18,12 @@ def test_delta_that_is_not_finite_is_refused(bad):
 def test_a_joint_that_is_not_known_is_refused_where_it_is_used(bad):
     sample = JointSample(7, ("finger", *NAMES), [bad, 1.0, 2.0], [bad, bad, bad])
     assert sample.ordered(NAMES).position.tolist() == [1.0, 2.0]
-    with pytest.raises(ContractError, match="the joint state of 7 ns: finger is at .*accepted: a finite position"):
+    with pytest.raises(ContractError, match=r"the joint state of 7 ns: finger is at .*accepted: a finite position"):
         sample.ordered(("shoulder", "finger"))
 
 
 def test_a_sample_without_a_joint_is_refused_where_it_is_used():
-    with pytest.raises(ContractError, match="joint state of 7 ns names shoulder; accepted: .*lacks elbow"):
+    with pytest.raises(ContractError, match=r"joint state of 7 ns names shoulder; accepted: .*lacks elbow"):
         JointSample(7, ("shoulder",), [1.0], [0.0]).ordered(NAMES)
 
 
