@@ -64,7 +64,7 @@ def select_episodes(bag: Bag, min_quality: float, say: Say) -> Episodes:
     found = review(bag)
     _require_sound(bag, found, found.faults)
     reasons = {each.number: "discarded by the operator" for each in found.episodes if not each.kept}
-    _say_faults(bag, found, [each for each in found.faults if set(found.episodes_of(each)) - set(reasons)], say)
+    _say_faults(bag, found, [each for each in found.faults if _matters(each, bag, found, set(reasons))], say)
     poor = _poor_ways(bag, found, [each for each in found.episodes if each.number not in reasons], min_quality)
     for number, ways in poor.items():
         of = len(next(each for each in found.episodes if each.number == number).legs)
@@ -89,6 +89,14 @@ def _say_faults(bag: Bag, found: Review, faults: list[Fault], say: Say) -> None:
     told = [f"{_when(found, fault)} ({', '.join(fault.topics)}: {fault.what})" for fault in faults[:MOST_TOLD]]
     more = f" and {len(faults) - MOST_TOLD} more" if len(faults) > MOST_TOLD else ""
     say(f"left out: {', '.join(told)}{more}; see: demos check {shlex.quote(str(bag.path))}")
+
+
+def _matters(fault: Fault, bag: Bag, found: Review, left_out: set[int]) -> bool:
+    """Whether there would be something to learn from at a fault."""
+    if bag.counts[EPISODE_EVENTS.name]:
+        return bool(set(found.episodes_of(fault)) - left_out)
+    marks = found.series[MARKED_JOINT_STATES.name].moments
+    return not len(marks) or fault.last > int(marks[-1])
 
 
 def _when(found: Review, fault: Fault) -> str:

@@ -46,7 +46,7 @@ def remedy(fault: Fault, found: Review, path: Path) -> str:
     if fault.kind == NO_ORDER or found.line.is_anew[moments == fault.last].any():  # both sides cannot stay in one bag
         where = found.seconds((fault.first + fault.last) // 2)
         last = found.seconds(int(moments[-1])) if len(moments) else 0.0
-        side = f"--to {where:.6f}" if where > last - where else f"--from {where:.6f}"
+        side = f"--to {_seconds(where)}" if where > last - where else f"--from {_seconds(where)}"
         return f"keep the longer part with: {trim} {side} --output NEW"
     before, after = moments[moments < fault.first], moments[moments > fault.last]
     if is_between_ticks(fault):  # which are sound themselves
@@ -54,18 +54,23 @@ def remedy(fault: Fault, found: Review, path: Path) -> str:
     begin = found.seconds(int(before[-1]) + found.period // 2) if len(before) else None
     end = found.seconds(int(after[0]) - found.period // 2) if len(after) else None
     if begin is not None and end is not None:
-        stretch = f"--from {min(begin, end):.6f} --to {max(begin, end):.6f}"
+        stretch = f"--from {_seconds(min(begin, end))} --to {_seconds(max(begin, end))}"
         return f"leave it out with: {drop} {stretch} --output NEW"
     if begin is not None:
-        return f"keep what is before it with: {trim} --to {begin:.6f} --output NEW"
+        return f"keep what is before it with: {trim} --to {_seconds(begin)} --output NEW"
     if end is not None:
-        return f"keep what is after it with: {trim} --from {end:.6f} --output NEW"
+        return f"keep what is after it with: {trim} --from {_seconds(end)} --output NEW"
     return "record it again"
 
 
 def is_between_ticks(fault: Fault) -> bool:
     """Whether a fault is told by the last sound tick before it and the first one after it."""
     return fault.kind == CLOCK_JUMP or (fault.kind == LOST and len(fault.topics) == len(STATE_TOPICS))
+
+
+def _seconds(value: float) -> str:
+    """To the microsecond, as short as it is."""
+    return f"{value:.6f}".rstrip("0").rstrip(".")
 
 
 def _episodes(numbers: list[int]) -> str:

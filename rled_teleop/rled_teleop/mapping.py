@@ -58,6 +58,11 @@ class RecordingMapping:
             raise RledError(f"the mapping names {', '.join(unknown):.200}", ", ".join(joints))
         return RecordingMapping(joints, tuple(_joint_map(joint, entries.get(joint, {})) for joint in joints))
 
+    @property
+    def device_joints(self) -> tuple[str, ...]:
+        """Joints of the device that are used, each once."""
+        return tuple(dict.fromkeys(each.name for each in self.maps))
+
     def robot_joints(self, device: JointSample) -> Vector:
         """Joint angles of the robot (rad), shape (n,), for a sample of the device.
 
@@ -74,7 +79,9 @@ class RecordingMapping:
         with np.errstate(over="ignore"):  # asked about below
             mapped: Vector = np.array([each.scale for each in self.maps]) * angles + [each.offset for each in self.maps]
         if not np.isfinite(mapped).all():
-            raise RledError(f"the device is at {angles.tolist()}", "angles whose image is finite")
+            place = int(np.flatnonzero(~np.isfinite(mapped))[0])
+            what = f"the device is at {angles[place]} with its joint {self.maps[place].name}"
+            raise RledError(what, "angles whose image is finite")
         return mapped
 
 

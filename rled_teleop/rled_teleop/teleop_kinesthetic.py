@@ -56,14 +56,25 @@ class Follower:
         self.mapping, self._speed, self._timeout = mapping, speed, timeout
         self._goal: NDArray[np.float64] | None = None
         self._until = -np.inf
+        self._heard: dict[str, tuple[float, float]] = {}
 
     def take(self, sample: JointSample, now: float) -> None:
-        """Take a sample at a time (s).
+        """Take a sample at a time (s); joints that two publishers tell are put together, others are passed over.
 
         Raises:
             RledError: the device lacks a joint, or is where no robot can follow.
         """
-        self._goal, self._until = self.mapping.robot_joints(sample), now + self._timeout
+        wanted = self.mapping.device_joints
+        values = zip(sample.names, sample.position.tolist(), strict=True)
+        told = {name: angle for name, angle in values if name in wanted}
+        if not told and now < self._until:  # of a gripper, beside an arm that is heard
+            return
+        recent = {name: heard for name, heard in self._heard.items() if now < heard[1] + self._timeout}
+        self._heard = recent | {name: (angle, now) for name, angle in told.items()}
+        names = tuple(self._heard) or sample.names
+        angles = [self._heard[name][0] for name in names] if self._heard else sample.position
+        device = JointSample(sample.stamp, names, np.array(angles), np.zeros(len(names)))
+        self._goal, self._until = self.mapping.robot_joints(device), now + self._timeout
 
     def delta(self, jog: Jog, q: NDArray[np.float64], now: float) -> NDArray[np.float64] | None:
         """Δq (rad) towards the device for joint angles ``q`` at a time (s), shape (n,); None when it is silent."""

@@ -22,7 +22,6 @@ from rled_msgs_py.topics import (
     JOINT_STATES,
     MARKERS,
     RECORDED,
-    ROBOT_DESCRIPTION,
     TARGET_POSE,
     TASK_DESCRIPTION,
 )
@@ -33,7 +32,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from rled_msgs_py import messages
 
-from .samples import PERIOD, TASK, URDF, descriptions, recording, same, tick, write_bag
+from .samples import PERIOD, TASK, URDF, recording, same, tick, write_bag
 
 TOPICS = {topic.name: topic for topic in RECORDED}
 
@@ -380,17 +379,6 @@ def test_messages_of_another_make_are_refused_naming_the_topic_or_type(tmp_path,
     for read in (lambda: list(bag.records(JOINT_STATES)), lambda: bag.joints(JOINT_STATES)):
         with pytest.raises(BagError, match=r"joint_states|JointState"):
             read()
-
-
-def test_two_descriptions_are_refused(tmp_path):
-    with BagWriter(tmp_path / "bag") as writer:
-        for topic, record in descriptions():
-            writer.write(topic, record)
-        writer.write(ROBOT_DESCRIPTION, Text("<robot name='other'/>"))
-    bag = Bag(tmp_path / "bag")
-    assert bag.task == TASK
-    with pytest.raises(BagError, match="2 different messages on robot_description; accepted: one robot"):
-        _ = bag.robot_description
 
 
 def test_a_missing_description_is_an_error_with_a_remedy(tmp_path):

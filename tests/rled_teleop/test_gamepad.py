@@ -241,3 +241,29 @@ def test_a_mapping_file_that_is_none_is_named(tmp_path, make):
     make(path)
     with pytest.raises(RledError, match=f"the mapping {path}"):
         RecordingMapping.from_yaml(str(path), ("shoulder", "elbow"))
+
+
+def test_what_the_device_says_beside_its_joints_is_passed_over(jog):
+    follower = Follower(RecordingMapping.from_yaml("", ("shoulder", "elbow")), speed=0.5, timeout=0.3)
+    unknown = {"finger": float("nan"), "thumb": float("inf")}
+    follower.take(sample(**unknown, shoulder=-0.4, elbow=1.4), 0.0)
+    np.testing.assert_allclose(follower.delta(jog, Q, 0.1), [0.05, -0.025])
+    follower.take(sample(**unknown), 0.1)
+    np.testing.assert_allclose(follower.delta(jog, Q, 0.1), [0.05, -0.025])
+
+
+def test_a_device_of_two_publishers_is_put_together(jog):
+    follower = Follower(RecordingMapping.from_yaml("", ("shoulder", "elbow")), speed=0.5, timeout=0.3)
+    with pytest.raises(RledError, match="no joint elbow"):
+        follower.take(sample(shoulder=-0.4), 0.0)
+    follower.take(sample(elbow=1.4), 0.05)
+    np.testing.assert_allclose(follower.delta(jog, Q, 0.1), [0.05, -0.025])
+    with pytest.raises(RledError, match="no joint elbow"):
+        follower.take(sample(shoulder=-0.4), 0.36)  # the other half is silent by now
+    assert follower.delta(jog, Q, 0.4) is None
+
+
+def test_a_device_joint_that_is_not_known_is_named():
+    follower = Follower(RecordingMapping.from_yaml("", ("shoulder", "elbow")), speed=0.5, timeout=0.3)
+    with pytest.raises(RledError, match="the device is at nan with its joint elbow"):
+        follower.take(sample(shoulder=0.0, elbow=float("nan"), finger=0.1), 0.0)

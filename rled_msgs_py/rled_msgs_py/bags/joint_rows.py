@@ -62,12 +62,13 @@ def joint_rows(table: JointTable, wanted: tuple[str, ...], ticks: Callable[[], S
     if not len(partial):
         return JointRows(table.stamps[whole], position[whole], odd)
     places, stamps, values = np.flatnonzero(whole), table.stamps[whole], position[whole]
-    if ticks is not None:
+    if ticks is not None:  # what a recorder heard before the first state is no fault
         due = ticks()
         halves = _put_together(table.stamps, position, named, partial, due)
         places = np.concatenate([places, halves.places])
         stamps, values = np.concatenate([stamps, halves.stamps]), np.concatenate([values, halves.position])
-        partial = partial[~np.isin(table.stamps[partial], halves.stamps)]
+        told = np.concatenate([halves.stamps, table.stamps[[each.row for each in odd]]])
+        partial = partial[~np.isin(table.stamps[partial], told) & (partial >= (places.min() if len(places) else 0))]
         partial = partial[np.isin(table.stamps[partial], due)] if len(due) else partial
     odd += [Odd(row, _missing(table, row, wanted, named[row]), True) for row in partial.tolist()]
     order = np.argsort(places, kind="stable")
