@@ -3,7 +3,7 @@ SHELL := bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup demo test browser faults hostile fuzz reproduce figures check format bench lock clean
+.PHONY: help setup demo test browser faults hostile memory fuzz reproduce figures check format bench lock clean
 
 BIN := .venv/bin
 PACKAGES := rled_msgs_py rled_sim rled_agent rled_teleop
@@ -54,6 +54,9 @@ hostile: setup ## Send more than 30,000 malformed and hostile messages to all no
 
 fuzz: setup ## Mutated inputs to every reader, guided by coverage (MINUTES=5, SEED=, ARGS="mcap_bag urdf").
 	$(BIN)/python -m tests.fuzz --minutes $(or $(MINUTES),5) --seed $(or $(SEED),0) $(ARGS)
+
+memory: setup ## Flood all nodes with messages of 3 MB for a minute and print what memory they keep.
+	$(BIN)/python -m tests.faults.memory $(ARGS)
 
 reproduce: setup ## Make the missing runs behind the figures of chapter 4 (FIG=4.6: of one; hours).
 	$(BIN)/python -m rled_agent.experiments.reproduce $(FIG) $(ARGS)

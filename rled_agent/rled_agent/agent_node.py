@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rled_msgs_py.awaiting import brought_by, say_what_is_awaited
 from rled_msgs_py.callbacks import Ending, every, serve
 from rled_msgs_py.command_output import CommandOutput
 from rled_msgs_py.errors import ContractError, RledError
@@ -20,7 +21,7 @@ from rled_msgs_py.messages import encode
 from rled_msgs_py.node import advertise, declare, run_node, spin, subscribe, subscribe_ticks
 from rled_msgs_py.records import Actor, DeltaCommand, GateCode, GateDecision, Text
 from rled_msgs_py.task import TaskDescription
-from rled_msgs_py.tick import Tick
+from rled_msgs_py.tick import STATE_TOPICS, Tick
 from rled_msgs_py.topics import (
     DIAGNOSTICS,
     HUMAN_JOINT_DELTA,
@@ -106,12 +107,21 @@ class AgentNode(Node):
             self._learning.start()
         every(self, 1.0, self._say_health)
         every(self, LOOK, self._decide)
+        say_what_is_awaited(self, self._awaited)
 
     def _serve(self) -> None:
         serve(self, SetBool, "~/enable", self._on_enable)
         serve(self, SetBool, "~/estop", self._on_estop)
         serve(self, SetBool, "~/learn", self._on_learn)
         serve(self, Trigger, "~/save", self._on_save)
+
+    def _awaited(self) -> str:
+        missing = [
+            *([TASK_DESCRIPTION.name] if self._task is None else []),
+            *([ROBOT_DESCRIPTION.name] if not self._urdf else []),
+            *([] if self._newest >= 0 else [topic.name for topic in STATE_TOPICS]),
+        ]
+        return brought_by(self, "sim_node", ", ".join(missing)) if missing else ""
 
     def _on_change(self, given: AgentParams) -> None:
         params = given.in_force(self._trained)
@@ -160,9 +170,9 @@ class AgentNode(Node):
         if time.monotonic() - self._reported > SOON:
             self._say_health()
 
-    def _on_life(self, simulations: int) -> None:
-        self._report.living(simulations)
-        if simulations:
+    def _on_life(self, simulation: bool) -> None:
+        self._report.living(simulation)
+        if simulation:
             self.get_logger().info("a simulation is there; " + _doing(self._enabled))
         else:
             self.get_logger().warning("the simulation is gone; waiting for it")

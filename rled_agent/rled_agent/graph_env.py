@@ -14,9 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rled_msgs_py.awaiting import brought_by
 from rled_msgs_py.command_output import CommandOutput
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.kinds import LARGEST
+from rled_msgs_py.lasting import Waiting
 from rled_msgs_py.node import fresh_context, subscribe, subscribe_ticks
 from rled_msgs_py.records import DeltaCommand, Text
 from rled_msgs_py.task import TaskDescription
@@ -55,10 +57,12 @@ class _Graph:
         """
         if not self._context.ok():
             raise RledError("the environment is closed", "an open one", "make it again")
-        deadline = time.monotonic() + self._timeout
+        deadline, waiting = time.monotonic() + self._timeout, Waiting()
         while not done():
-            if time.monotonic() > deadline:
+            if (now := time.monotonic()) > deadline:
                 raise RledError(f"waited {self._timeout:g} s for {what}", "", REMEDY)
+            if waiting.is_due(what, now):
+                self.node.get_logger().info(f"waiting for {brought_by(self.node, 'sim_node', what)}")
             self._executor.spin_once(timeout_sec=0.1)
 
     def leave(self) -> None:

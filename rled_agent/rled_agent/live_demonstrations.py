@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import rclpy
 from rclpy.node import Node
+from rled_msgs_py.awaiting import brought_by, say_what_is_awaited
 from rled_msgs_py.bags import BagWriter
 from rled_msgs_py.bags.header import stamp_of
 from rled_msgs_py.callbacks import every, listen
@@ -58,6 +59,8 @@ class LiveDemonstrations(Node):
                 stop.set()
 
         every(self, LOOK, look)
+        publisher = "record_demos with an operator, or replay_demos,"
+        say_what_is_awaited(self, lambda: "" if self._heard else brought_by(self, publisher, "a demonstration"))
 
     def write(self, path: Path) -> int:
         """Write what was heard as a bag; returns how many messages.

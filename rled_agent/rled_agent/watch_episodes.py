@@ -13,6 +13,7 @@ import numpy as np
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rled_msgs_py.awaiting import brought_by, say_what_is_awaited
 from rled_msgs_py.callbacks import Ending, ends_node, every
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.files import write_whole
@@ -22,7 +23,7 @@ from rled_msgs_py.params import param
 from rled_msgs_py.records import Text
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import Tick
-from rled_msgs_py.topics import TASK_DESCRIPTION
+from rled_msgs_py.topics import JOINT_STATES, TASK_DESCRIPTION
 
 from rled_agent.episodes import Episode, EpisodeLog
 from rled_agent.plots import draw_tool_paths, drawn_plane
@@ -31,6 +32,8 @@ from rled_agent.restart import Restart
 
 WAIT = 30.0
 """Seconds without a tick after which watching gives up."""
+STALLED = 1.0
+"""Seconds without a tick after which one is waited for."""
 
 
 @dataclass(frozen=True)
@@ -61,11 +64,13 @@ class WatchEpisodes(Node):
         self._ticks: deque[Tick] = deque()
         self._seed = params.seed
         self._begins = 0 if params.seed < 0 else None
-        self._heard = time.monotonic()
+        self._heard, self._ticked = time.monotonic(), False
         self._progress = Progress("episode", params.episodes)
         subscribe(self, TASK_DESCRIPTION, self._on_task)
         subscribe_ticks(self, self._on_tick, depth=10_000)  # outlasts a busy moment of this process
+        self.waits = ""
         every(self, 1.0, self._check)
+        say_what_is_awaited(self, self._awaited)
 
     def _on_task(self, text: Text) -> None:
         self._task = TaskDescription.from_json(text.data)
@@ -77,10 +82,19 @@ class WatchEpisodes(Node):
             self._begins = restart.begin(self._seed)
             self._count()
 
+    def _awaited(self) -> str:
+        if self.waits:
+            return brought_by(self, "sim_node", self.waits)
+        if not self._ticked:
+            return brought_by(self, "sim_node", JOINT_STATES.name)
+        if time.monotonic() - self._heard > STALLED:
+            return brought_by(self, "agent_node or an operator", "the next tick")
+        return brought_by(self, "sim_node", TASK_DESCRIPTION.name) if self._log.full and self._task is None else ""
+
     def _on_tick(self, tick: Tick) -> None:
         if self._log.full:
             return
-        self._heard = time.monotonic()
+        self._heard, self._ticked = time.monotonic(), True
         self._ticks.append(tick)
         self._count()
 
@@ -142,9 +156,11 @@ def _watch(node: WatchEpisodes, stop: Event) -> None:
     executor.add_node(node)
 
     def wait(done: Callable[[], bool], what: str) -> None:
+        node.waits = what
         spin_until(executor, lambda: stop.is_set() or done(), WAIT, what)
         if stop.is_set():
             raise KeyboardInterrupt
+        node.waits = ""
 
     node.begin(Restart(node, wait))
     spin(node, stop, executor)

@@ -4,7 +4,7 @@ import re
 
 from rled_msgs_py.errors import ContractError
 
-FORM = re.compile(r"episode (\d{1,18}) begins at (\d{1,18}) ns", re.ASCII)
+FORM = re.compile(r"episode (\d{1,18}) begins at (\d{1,19}) ns", re.ASCII)
 
 
 def say_begin(number: int, stamp: int) -> str:

@@ -37,9 +37,9 @@ class Shown(NamedTuple):
     recorder: str
 
 
-def waiting_screen(recorder: str) -> list[str]:
+def waiting_screen(awaited: str, recorder: str) -> list[str]:
     """Lines to show before there is a simulation."""
-    return [RULE, "waiting for a simulation ...", f"recorder: {recorder}", RULE, *HELP]
+    return [RULE, f"waiting for {awaited}", f"recorder: {recorder}", RULE, *HELP]
 
 
 def screen(keyboard: Keyboard, shown: Shown) -> list[str]:

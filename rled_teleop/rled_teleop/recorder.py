@@ -8,6 +8,7 @@ from typing import Any
 
 from rclpy.duration import Duration
 from rclpy.node import Node
+from rled_msgs_py.awaiting import brought_by, say_what_is_awaited
 from rled_msgs_py.bags import BagError, BagWriter
 from rled_msgs_py.bags.header import sim_stamp
 from rled_msgs_py.callbacks import every, listen, serve
@@ -88,8 +89,19 @@ class Recorder(Node):
         every(self, WRITE_PERIOD, partial(self._safely, self._go_on))
         every(self, WRITE_PERIOD, self._listen_to_who_speaks)
         every(self, REPORT_PERIOD, self._report)
+        say_what_is_awaited(self, self._awaited)
         for topic in DESCRIPTIONS:
             self._listen(topic)
+
+    def _awaited(self) -> str:
+        missing = [topic.name for topic in DESCRIPTIONS if self._recent.newest(topic) is None]
+        if not missing and self._is_awaited:
+            missing = [topic.name for topic in STATE_TOPICS if self._recent.newest(topic) is None]
+        if missing:
+            return brought_by(self, "sim_node", ", ".join(missing))
+        if self._is_awaited or self._episodes.running:
+            return ""
+        return f"{self.get_name()}/record: press b in teleop_keyboard, 'Begin episode' on the page, or call the service"
 
     def finish(self) -> None:
         """End the episode and write what is still held, but for the parts of a tick that is not complete."""
@@ -200,8 +212,6 @@ class Recorder(Node):
         doing = doing if self._described else "waiting for a simulation"
         warning = self.descriptions.warning if self._described else ""
         self._health(Level.WARN if warning else Level.OK, f"{doing}; {warning}" if warning else doing)
-        if not self._described:
-            self.get_logger().info("waiting for a simulation", throttle_duration_sec=5.0, skip_first=True)
 
     def _health(self, level: Level, message: str) -> None:
         values = {"episode": str(self._episodes.number), "messages": str(self._filing.kept)}

@@ -13,6 +13,7 @@ from typing import Any
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
+from rled_msgs_py.awaiting import brought_by, say_what_is_awaited
 from rled_msgs_py.bags.storage import BagTopic
 from rled_msgs_py.callbacks import every, serve
 from rled_msgs_py.convert import qos_profile
@@ -69,6 +70,7 @@ class ReplayDemos(Node):
         self._publish(recording.latched_before(self.params.start), range(sys.maxsize))
         serve(self, SetBool, "~/pause", self._on_pause)
         every(self, LOOK, self._look)
+        say_what_is_awaited(self, self._awaited)
 
     def listen(self, screen: Screen) -> None:
         """Take keys from a terminal."""
@@ -91,10 +93,19 @@ class ReplayDemos(Node):
         matched = [each.get_subscription_count() for each in self._outputs]
         if matched != self._matched:
             self._matched, self._since = matched, now
+        return self._listeners() >= self.params.wait_for_subscribers and now - self._since >= SETTLED
+
+    def _listeners(self) -> int:
         name = self.resolve_topic_name(JOINT_DELTA.name)
-        counts = [count for each, count in zip(self._outputs, matched, strict=True) if each.topic_name == name]
-        enough = max(counts, default=sys.maxsize) >= self.params.wait_for_subscribers
-        return enough and now - self._since >= SETTLED
+        counts = [each.get_subscription_count() for each in self._outputs if each.topic_name == name]
+        return max(counts, default=sys.maxsize)
+
+    def _awaited(self) -> str:
+        wanted = self.params.wait_for_subscribers
+        if self._player is not None or (there := self._listeners()) >= wanted:
+            return ""
+        what = f"{wanted} subscribers of {JOINT_DELTA.name} ({there} there)"
+        return brought_by(self, "record_demos or train_expert --live", what)
 
     def _publish(self, recording: Recording, places: range) -> None:
         for place in places[: len(recording.data)]:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
+from rled_msgs_py.awaiting import brought_by, say_what_is_awaited
 from rled_msgs_py.callbacks import ends_node, listen
 from rled_msgs_py.node import declare, run_node
 from rled_msgs_py.params import param
@@ -60,6 +61,7 @@ class TeleopGamepad(Node):
         super().__init__("teleop_gamepad", **options)
         self._params = declare(self, GamepadParams)
         self._device: Device | None = open_pad(self._params.device) if self._params.device else None
+        self._is_heard = self._device is not None
         self._recorder = RecorderClient(self, self._params.recorder)
         self._gamepad: Gamepad | None = None
         self._said = ""
@@ -67,6 +69,12 @@ class TeleopGamepad(Node):
         if self._device is None:
             listen(self, Joy, "joy", QoSProfile(depth=10), self._on_joy, MOST_JOY)
         self._driving.start_timer(self._look)
+        say_what_is_awaited(self, self._awaited)
+
+    def _awaited(self) -> str:
+        if (awaited := self._driving.awaited()) or self._is_heard:
+            return awaited
+        return brought_by(self, "joy_node, or this with --device auto,", "joy")
 
     def _steer(self, jog: Jog, q: NDArray[Any]) -> NDArray[Any] | None:
         return self._gamepad_of(jog).delta(jog, q, time.monotonic())
@@ -78,6 +86,7 @@ class TeleopGamepad(Node):
 
     def _on_joy(self, data: bytes) -> None:
         msg = deserialize_message(data, Joy)
+        self._is_heard = True
         self._take(PadState(tuple(msg.axes), tuple(map(bool, msg.buttons))))
 
     def _look(self) -> None:

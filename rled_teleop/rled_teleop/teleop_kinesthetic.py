@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.node import Node
+from rled_msgs_py.awaiting import brought_by, say_what_is_awaited
 from rled_msgs_py.callbacks import ends_node, listen
 from rled_msgs_py.convert import MESSAGE_CLASSES, qos_profile
 from rled_msgs_py.errors import RledError
@@ -58,6 +59,11 @@ class Follower:
         self._until = -np.inf
         self._heard: dict[str, tuple[float, float]] = {}
 
+    @property
+    def is_heard(self) -> bool:
+        """Whether the device has said anything yet."""
+        return self._goal is not None
+
     def take(self, sample: JointSample, now: float) -> None:
         """Take a sample at a time (s); joints that two publishers tell are put together, others are passed over.
 
@@ -94,6 +100,14 @@ class TeleopKinesthetic(Node):
         message, qos = MESSAGE_CLASSES[JOINT_STATE], qos_profile(DEVICE_QOS)
         listen(self, message, self._params.device_topic, qos, self._on_device)
         self._driving.start_timer(self._driving.look)
+        say_what_is_awaited(self, self._awaited)
+
+    def _awaited(self) -> str:
+        if awaited := self._driving.awaited():
+            return awaited
+        program = "the driver of the device, or name its topic with --device-topic,"
+        is_heard = self._follower is not None and self._follower.is_heard
+        return "" if is_heard else brought_by(self, program, self._params.device_topic)
 
     def _steer(self, jog: Jog, q: NDArray[np.float64]) -> NDArray[np.float64] | None:
         return self._follower_of(jog).delta(jog, q, time.monotonic())

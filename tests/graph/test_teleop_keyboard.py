@@ -69,7 +69,7 @@ def test_keys_move_the_end_effector_change_the_speed_and_stop() -> None:
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_restores_the_terminal(number: signal.Signals) -> None:
     with closing(Terminal()) as terminal:
-        terminal.await_that(lambda text: "waiting for a simulation" in text, "the screen")
+        terminal.await_that(lambda text: "start sim_node in ROS_DOMAIN_ID" in text, "the screen")
         assert termios.tcgetattr(terminal.slave) != terminal.before
         assert terminal.end(number) == 0
         assert termios.tcgetattr(terminal.slave) == terminal.before

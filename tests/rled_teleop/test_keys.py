@@ -166,4 +166,4 @@ def test_the_screen_says_what_moves(keyboard, task, arm):
     assert "speed 25 %" in text
     assert "largest step 0.0250 of 0.1 rad" in text
     assert "recorder: recording" in text
-    assert "waiting" in "\n".join(waiting_screen(""))
+    assert "waiting" in "\n".join(waiting_screen("task_description", ""))

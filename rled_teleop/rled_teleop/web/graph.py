@@ -8,6 +8,7 @@ import numpy as np
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
+from rled_msgs_py.awaiting import brought_by, say_what_is_awaited
 from rled_msgs_py.callbacks import every, listen
 from rled_msgs_py.convert import qos_profile
 from rled_msgs_py.messages import encode
@@ -19,6 +20,7 @@ from rled_msgs_py.topics import (
     DIAGNOSTICS,
     EPISODE_EVENTS,
     JOINT_DELTA,
+    JOINT_STATES,
     MARKERS,
     ROBOT_DESCRIPTION,
     SAFETY_GATE,
@@ -76,6 +78,14 @@ class Graph:
         subscribe(node, EPISODE_EVENTS, lambda text: watched.on_event(text.data))
         every(node, LOOK, self._look)
         every(node, ROUND, self._look_around)
+        say_what_is_awaited(node, self._awaited)
+
+    def _awaited(self) -> str:
+        missing = [
+            *([TASK_DESCRIPTION.name] if self._watched.task is None else []),
+            *([JOINT_STATES.name] if self._watched.tick is None else []),
+        ]
+        return brought_by(self._node, "sim_node", " and ".join(missing)) if missing else ""
 
     def _on_tick(self, tick: Tick) -> None:
         self._watched.on_tick(tick, self._control.is_wished())
