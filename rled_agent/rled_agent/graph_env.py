@@ -34,7 +34,7 @@ class _Graph:
     """A node of its own on the graph, and what it has heard; nothing in it refers to the environment that uses it."""
 
     def __init__(self, timeout: float) -> None:
-        self._timeout = timeout
+        self.timeout = timeout
         self._context = fresh_context()
         self.node = Node("graph_env", context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
@@ -47,18 +47,26 @@ class _Graph:
     def _on_task(self, text: Text) -> None:
         self.tasks.append(TaskDescription.from_json(text.data))
 
+    def require_open(self) -> None:
+        """Refuse what needs the graph.
+
+        Raises:
+            RledError: it was left.
+        """
+        if not self._context.ok():
+            raise RledError("the environment is closed", "an open one", "make it again")
+
     def wait(self, done: Any, what: str) -> None:
         """Spin until a predicate holds.
 
         Raises:
             RledError: it does not within the timeout, or the environment is closed.
         """
-        if not self._context.ok():
-            raise RledError("the environment is closed", "an open one", "make it again")
-        deadline = time.monotonic() + self._timeout
+        self.require_open()
+        deadline = time.monotonic() + self.timeout
         while not done():
             if time.monotonic() > deadline:
-                raise RledError(f"waited {self._timeout:g} s for {what}", "", REMEDY)
+                raise RledError(f"waited {self.timeout:g} s for {what}", "", REMEDY)
             self._executor.spin_once(timeout_sec=0.1)
 
     def leave(self) -> None:
@@ -151,6 +159,7 @@ class GraphEnv(gymnasium.Env[Floats, Floats]):
 
     def _answered(self) -> Tick:
         """The tick that the next action answers."""
+        self._graph.require_open()
         if self._tick is None:
             raise RledError("no episode has begun", "", "call reset first")
         return self._tick
