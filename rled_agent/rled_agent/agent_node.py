@@ -290,9 +290,7 @@ def _gate_said(given: AgentParams, trained: GateSettings | None) -> str:
     params = given.in_force(trained)
     settings = GateSettings(params.measure, params.threshold, params.passes)  # type: ignore[arg-type]
     chosen = ", ".join(name for name in AS_TRAINED if name not in given.not_given)
-    source = (
-        "as the policy was trained" if trained is not None else "the policy learned without a gate, or says nothing"
-    )
+    source = "as the policy was trained" if trained is not None else "the policy says nothing of a gate"
     return f"the gate: {settings} ({f'{chosen} given; else ' if chosen else ''}{source})"
 
 

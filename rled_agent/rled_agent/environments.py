@@ -45,8 +45,11 @@ def make_environment(config: TrainConfig, start_joints: NDArray[np.float64] | No
         options["start_joints"] = start_joints
     try:
         env = gymnasium.make(config.env, **options)
-    except gymnasium.error.Error as error:
-        raise RledError(f"env '{config.env}': {error}", "an id that Gymnasium knows, as rled/PandaReach-v0") from None
+    except (gymnasium.error.Error, ImportError, ValueError) as error:
+        why = " ".join(str(error).split())[:200]
+        raise RledError(
+            f"env '{config.env[:80]}': {why}", "an id that Gymnasium knows, as rled/PandaReach-v0"
+        ) from None
     except TypeError as error:
         why = str(error).partition(" was raised from ")[0]  # what follows repeats the options, arrays and all
         raise RledError(f"env '{config.env}' takes no {', '.join(options)}", "reward own, no bag", why) from None

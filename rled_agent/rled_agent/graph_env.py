@@ -36,7 +36,7 @@ class _Graph:
     """A node of its own on the graph, and what it has heard; nothing in it refers to the environment that uses it."""
 
     def __init__(self, timeout: float) -> None:
-        self._timeout = timeout
+        self.timeout = timeout
         self._context = fresh_context()
         self.node = Node("graph_env", context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
@@ -49,18 +49,26 @@ class _Graph:
     def _on_task(self, text: Text) -> None:
         self.tasks.append(TaskDescription.from_json(text.data))
 
+    def require_open(self) -> None:
+        """Refuse what needs the graph.
+
+        Raises:
+            RledError: it was left.
+        """
+        if not self._context.ok():
+            raise RledError("the environment is closed", "an open one", "make it again")
+
     def wait(self, done: Any, what: str) -> None:
         """Spin until a predicate holds.
 
         Raises:
             RledError: it does not within the timeout, or the environment is closed.
         """
-        if not self._context.ok():
-            raise RledError("the environment is closed", "an open one", "make it again")
-        deadline, waiting = time.monotonic() + self._timeout, Waiting()
+        self.require_open()
+        deadline, waiting = time.monotonic() + self.timeout, Waiting()
         while not done():
             if (now := time.monotonic()) > deadline:
-                raise RledError(f"waited {self._timeout:g} s for {what}", "", REMEDY)
+                raise RledError(f"waited {self.timeout:g} s for {what}", "", REMEDY)
             if waiting.is_due(what, now):
                 self.node.get_logger().info(f"waiting for {brought_by(self.node, 'sim_node', what)}")
             self._executor.spin_once(timeout_sec=0.1)
@@ -155,6 +163,7 @@ class GraphEnv(gymnasium.Env[Floats, Floats]):
 
     def _answered(self) -> Tick:
         """The tick that the next action answers."""
+        self._graph.require_open()
         if self._tick is None:
             raise RledError("no episode has begun", "", "call reset first")
         return self._tick

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 from rled_agent.experiments.draw_figures import main as draw_figures
-from rled_agent.experiments.execution import Stopped, execute, is_done, keep
+from rled_agent.experiments.execution import Stopped, _begun, _can_go_on, execute, is_done, keep
 from rled_agent.experiments.experiment import Drawing, ExperimentError, Library, Run, RunName
 from rled_agent.experiments.pictures import draw
 from rled_agent.experiments.reproduce import EXPERIMENTS, KEPT
@@ -363,3 +363,18 @@ def test_a_figure_is_drawn_of_the_runs_that_are_there(tmp_path, monkeypatch):
     monkeypatch.setattr("sys.argv", ["draw_figures"])
     draw_figures()
     assert "*Runs:* 0 of 4, 0.0 processor hours (nowhere yet)." in Path("docs/results.md").read_text()
+
+
+def test_a_run_whose_expert_was_made_anew_begins_anew(tmp_path):
+    run = Run(RunName("e", "v", 0), ("train_agent", "planar_mc", "--expert", "{other/expert}/expert.safetensors"))
+    folder, expert = tmp_path / run.name.folder, tmp_path / "other/expert/seed-0/expert.safetensors"
+    for path in (folder, expert.parent):
+        path.mkdir(parents=True)
+    expert.write_bytes(b"weights")
+    (folder / "checkpoint.safetensors").touch()
+    (folder / "command.txt").write_text(_begun(run, tmp_path))
+    assert _can_go_on(folder, run, tmp_path)
+    (expert.parent / "checkpoint.safetensors").write_bytes(b"is nobody's input")
+    assert _can_go_on(folder, run, tmp_path)
+    expert.write_bytes(b"other weights")
+    assert not _can_go_on(folder, run, tmp_path)
