@@ -70,7 +70,7 @@ def test_a_file_without_a_word_is_refused(tmp_path: Path, content: bytes | None)
 
 
 def test_the_remedy_makes_a_file_that_is_accepted(tmp_path: Path) -> None:
-    path = tmp_path / "a folder's token"
+    path = tmp_path / "no folder" / "a robot's token"
     with pytest.raises(RledError) as refused:
         given_token(WebParams(token_file=str(path)), {})
     subprocess.run(str(refused.value).rpartition("; ")[2], shell=True, check=True)

@@ -1,6 +1,7 @@
 """A visitor's connection: what of it is read, how fast, and for how long it may not read."""
 
 import asyncio
+import math
 import time
 from http import HTTPStatus
 from typing import Any
@@ -51,6 +52,7 @@ class GuardedConnection(ServerConnection):
         self._messages = Allowance(MESSAGE_RATE, BURST)
         self._controls = Allowance(CONTROL_RATE, CONTROL_BURST)
         self._is_answered = False
+        self._watching: asyncio.Handle | None = None
 
     async def recv(self, decode: bool | None = None) -> Any:
         """Receive the next message that is understood, when it is due."""
@@ -92,16 +94,28 @@ class GuardedConnection(ServerConnection):
             self.transport.abort()
 
     def pause_writing(self) -> None:
-        """Much waits to be taken by the peer."""
+        """Much waits to be taken by the peer; all who write wait too, once each has written what it had."""
         super().pause_writing()
-        self._watch(self.transport.get_write_buffer_size())
+        self._watch(math.inf)
 
-    def _watch(self, before: int) -> None:
-        self.loop.call_later(STALLED, self._look, before)
+    def resume_writing(self) -> None:
+        """Most has been taken."""
+        super().resume_writing()
+        self._end_watch()
 
-    def _look(self, before: int) -> None:
-        if not self.paused or self.transport.is_closing():
-            return
+    def connection_lost(self, exc: Exception | None) -> None:
+        """It is over."""
+        super().connection_lost(exc)
+        self._end_watch()
+
+    def _watch(self, before: float) -> None:
+        self._watching = self.loop.call_later(STALLED, self._look, before)
+
+    def _end_watch(self) -> None:
+        if self._watching is not None:
+            self._watching.cancel()
+
+    def _look(self, before: float) -> None:
         waiting = self.transport.get_write_buffer_size()
         if waiting >= before:
             self.transport.abort()

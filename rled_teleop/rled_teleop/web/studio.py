@@ -5,6 +5,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
+from shlex import quote
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -165,7 +166,7 @@ class Studio:
         if not bag.is_dir():
             self.said = "nothing was recorded"
             return
-        self.said = f"{bag} is complete; `demos check {bag}` looks it over"
+        self.said = f"{bag} is complete; `demos check {quote(str(bag))}` looks it over"
         self._list()
         self._look_through(bag.name)
 

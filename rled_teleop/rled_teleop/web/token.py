@@ -60,13 +60,19 @@ def given_token(params: WebParams, environment: MutableMapping[str, str] = os.en
 
 
 def _read(path: Path) -> Token:
-    create = f"umask 077 && openssl rand -hex 16 > {quote(str(path))}"
     try:
         word = read_text(path, f"the token file {path}", 4 * LONGEST).strip()
         is_open = path.stat().st_mode & stat.S_IROTH
     except OSError as error:
-        raise RledError(f"no token in {path}: {error.strerror}", "a file with one word", create) from None
+        remedy = _made(path) if isinstance(error, FileNotFoundError) else "name another file"
+        raise RledError(f"no token in {path}: {error.strerror}", "a file with one word", remedy) from None
     if not word:
-        raise RledError(f"no token in {path}: it is empty", "a file with one word", create)
+        raise RledError(f"no token in {path}: it is empty", "a file with one word", _made(path))
     warning = f"all users can read the token in {path}; to keep it: chmod 600 {quote(str(path))}" if is_open else ""
     return Token(word, f"in {path}", warning)
+
+
+def _made(path: Path) -> str:
+    """How to make such a file."""
+    folder = "" if path.parent.is_dir() else f"mkdir -p {quote(str(path.parent))} && "
+    return f"{folder}umask 077 && openssl rand -hex 16 > {quote(str(path))}"
