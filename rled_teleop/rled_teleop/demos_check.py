@@ -7,6 +7,8 @@ import tyro
 from rled_msgs_py.bags import Bag, Review, review
 from rled_msgs_py.bags.faults import NO_ORDER, Fault
 
+from rled_teleop.summary import counted
+
 
 @dataclass(frozen=True)
 class Check:
@@ -24,7 +26,8 @@ class Check:
         for fault in found.faults:
             print(line_of(fault, found, self.bag))
         if not found.faults:
-            print(f"{self.bag}: no faults in {bag.message_count} messages, {len(found.episodes)} episodes")
+            messages, episodes = counted(bag.message_count, "message"), counted(len(found.episodes), "episode")
+            print(f"{self.bag}: no faults in {messages}, {episodes}")
         return 1 if found.faults else 0
 
 
