@@ -9,6 +9,8 @@ from rled_msgs_py.bags.faults import CLOCK_JUMP, LOST, NO_ORDER, Fault
 from rled_msgs_py.errors import command
 from rled_msgs_py.tick import STATE_TOPICS
 
+from rled_teleop.summary import counted
+
 
 @dataclass(frozen=True)
 class Check:
@@ -26,7 +28,8 @@ class Check:
         for fault in found.faults:
             print(line_of(fault, found, self.bag))
         if not found.faults:
-            print(f"{self.bag}: no faults in {bag.message_count} messages, {len(found.episodes)} episodes")
+            messages, episodes = counted(bag.message_count, "message"), counted(len(found.episodes), "episode")
+            print(f"{self.bag}: no faults in {messages}, {episodes}")
         return 1 if found.faults or bag.note else 0
 
 

@@ -63,7 +63,9 @@ def screen(keyboard: Keyboard, shown: Shown) -> list[str]:
 
 
 def describe(keyboard: Keyboard, task: TaskDescription, motion: Motion | None) -> str:
-    """What is moved, in words."""
+    """What is moved, or why a key moves nothing, in words."""
+    if keyboard.refused:
+        return keyboard.refused
     if motion is None:
         return f"still (joint {keyboard.joint + 1}: {task.joint_names[keyboard.joint]})"
     if motion.joint is not None:

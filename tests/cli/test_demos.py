@@ -5,6 +5,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from contextlib import contextmanager
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -13,11 +14,13 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from matplotlib.figure import Figure
 from rled_agent.demonstrations import DemonstrationError, open_demonstrations
 from rled_agent.selection import SelectionError
 from rled_msgs_py.bags import Bag, BagError, BagWriter, repair, review
 from rled_msgs_py.processes import program
 from rled_msgs_py.topics import JOINT_STATES, ROBOT_DESCRIPTION, TASK_DESCRIPTION
+from rled_teleop.demos_plot import draw_joints, draw_paths
 
 from rled_teleop import demos
 
@@ -167,6 +170,30 @@ def test_a_mistake_is_one_line_and_writes_nothing(said, bag, tmp_path, options):
     assert code == 2
     assert options[-2] != "--output" or "error: " in text or "Parsing error" in text or "required" in text.lower()
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(("episodes", "named"), [(1, "episode 0"), (3, "episodes 0, 2, 4 ...")])
+def test_a_plot_explains_all_that_it_shows_beside_it(tmp_path, monkeypatch, episodes, named):
+    drawn = []
+
+    @contextmanager
+    def picture(path, width, height):
+        figure = Figure(figsize=(width, height), layout="constrained")
+        drawn.append(figure.add_subplot())
+        yield drawn[-1]
+        figure.savefig(tmp_path / path)
+
+    monkeypatch.setattr("rled_teleop.demos_plot.picture", picture)
+    bag = Bag(BAGS / "planar_lemniscate")
+    found, task = review(bag), bag.task
+    found = found._replace(episodes=found.episodes[:episodes], qualities=found.qualities[:episodes])
+    draw_paths(Path("paths.png"), found, task)
+    draw_joints(Path("joints.png"), found, task)
+    assert drawn[0].get_title() == f"{task.robot}: {episodes} {'episode' if episodes == 1 else 'episodes'}"
+    labels = [[text.get_text() for text in axes.get_legend().get_texts()] for axes in drawn]
+    assert labels == [["path, quality 1", "path, quality 0", "target"], [named, *task.joint_names]]
+    for axes in drawn:
+        assert axes.get_legend().get_window_extent().x0 >= axes.get_window_extent().x1
 
 
 def test_plot_writes_two_pictures(said, bag, tmp_path):
