@@ -72,8 +72,7 @@ class Judge:
 def of_error(error: BaseException) -> Finding:
     said = " ".join(str(error).split())[:200]
     kind = type(error).__name__
-    lines = traceback.format_exception(error, limit=-40)
-    return Finding(kind, f"{kind}: {said}", "".join(lines))
+    return Finding(kind, f"{kind}: {said}", "".join(traceback.format_exception(error)))
 
 
 def _bound_process() -> None:
