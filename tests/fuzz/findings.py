@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 ROOT = Path(__file__).parents[2]
 FRAME = re.compile(r'File "(?P<file>[^"]+)", line \d+,? in (?P<function>\S+)')
-DEADLY = ".deadly"
-"""Mark of an input that ended its process; it is not read again in the same run."""
+LINES = 60
+"""Of the beginning and of the end of a stack."""
 
 
 class Finding(NamedTuple):
@@ -57,10 +57,15 @@ def keep(folder: Path, target: str, finding: Finding, data: bytes) -> Path:
         f"see it again: make fuzz ARGS={shlex.quote('--replay ' + name)}",
         f"make it a case: mkdir -p tests/fuzz/corpus/{target} && cp {name} tests/fuzz/corpus/{target}/",
         "",
-        finding.stack,
+        _shortened(finding.stack),
     ]
     path.with_suffix(".txt").write_text("\n".join(text))
     return path
+
+
+def _shortened(stack: str) -> str:
+    lines = stack.splitlines()
+    return "\n".join(lines if len(lines) <= 2 * LINES else [*lines[:LINES], "...", *lines[-LINES:]])
 
 
 def kept(folder: Path, target: str) -> list[Path]:

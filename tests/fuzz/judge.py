@@ -6,7 +6,8 @@ import resource
 import shutil
 import tempfile
 import traceback
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from .bounds import ADDRESSES, FILES, MEMORY
@@ -26,12 +27,16 @@ class Judge:
     Args:
         target: the reader.
         scratch: folder for the files that it needs.
+
+    Raises:
+        Exception: a seed is refused, or worse.
     """
 
     def __init__(self, target: Target, scratch: Path) -> None:
         self._target, self._scratch = target, scratch
         for seed in target.seeds():  # what is kept for good is there after these
-            self._read(seed)
+            with self._folder() as folder:
+                target.read(seed, folder)
         gc.collect()
         self._base = _resident()
         _forget_peak()
@@ -55,25 +60,28 @@ class Judge:
         return finding or Finding("memory", what, "")
 
     def _read(self, data: bytes) -> Finding | None:
-        folder = Path(tempfile.mkdtemp(dir=self._scratch))
         try:
-            self._target.read(data, folder)
+            with self._folder() as folder:
+                self._target.read(data, folder)
         except self._target.refusals:
             return None
-        except KeyboardInterrupt:
-            raise
         except BaseException as error:
             return of_error(error)
+        return None
+
+    @contextmanager
+    def _folder(self) -> Iterator[Path]:
+        folder = Path(tempfile.mkdtemp(dir=self._scratch))
+        try:
+            yield folder
         finally:
             shutil.rmtree(folder, ignore_errors=True)
-        return None
 
 
 def of_error(error: BaseException) -> Finding:
     said = " ".join(str(error).split())[:200]
     kind = type(error).__name__
-    lines = traceback.format_exception(error, limit=-40)
-    return Finding(kind, f"{kind}: {said}", "".join(lines))
+    return Finding(kind, f"{kind}: {said}", "".join(traceback.format_exception(error)))
 
 
 def _bound_process() -> None:
@@ -91,7 +99,9 @@ def _resident() -> int:
 
 
 def _peak() -> int:
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss << 10
+    # not getrusage's, which begins with what the parent had
+    status = Path("/proc/self/status").read_text()
+    return int(status[status.index("VmHWM:") :].split(maxsplit=2)[1]) << 10
 
 
 def _forget_peak() -> None:

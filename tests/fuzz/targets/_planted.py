@@ -13,7 +13,7 @@ LEFT = []
 
 
 def seeds() -> list[bytes]:
-    return [b"fine", b"refused"]
+    return [b"fine"]
 
 
 def read(data: bytes, folder: Path) -> None:
@@ -27,13 +27,11 @@ def read(data: bytes, folder: Path) -> None:
 
 
 def deep(data: bytes) -> None:
-    """What is found by its lines only: random bytes hit it once in 10^12."""
+    """What is found by its lines only: random bytes hit it once in ten million."""
     if data[:1] == b"R":  # noqa: SIM102
         if data[1:2] == b"L":  # noqa: SIM102
-            if data[2:3] == b"E":  # noqa: SIM102
-                if data[3:4] == b"D":  # noqa: SIM102
-                    if data[4:5] == b"!":
-                        raise ValueError("deep")
+            if data[2:3] == b"D":
+                raise ValueError("deep")
 
 
 def raises() -> None:

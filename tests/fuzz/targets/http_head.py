@@ -7,6 +7,7 @@ from urllib.parse import unquote_to_bytes
 import viser
 from rled_teleop.web.access import Access
 from rled_teleop.web.guard import judged
+from websockets.http11 import Request
 from websockets.server import ServerProtocol
 
 from ..mutators.lines import mutate as mutate
@@ -52,7 +53,7 @@ def read(data: bytes, _: Path) -> None:
     protocol = ServerProtocol()
     protocol.receive_data(data)
     protocol.receive_eof()
-    for request in protocol.events_received():
+    for request in filter(lambda event: isinstance(event, Request), protocol.events_received()):
         for access, knows in (
             (Access(), False),
             (Access(TOKEN), TOKEN in unquote_to_bytes(data).decode(errors="replace") or COOKIE.encode() in data),
