@@ -3,7 +3,7 @@ SHELL := bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup demo test browser faults hostile reproduce figures check format bench lock clean
+.PHONY: help setup demo test browser faults hostile repairs reproduce figures check format bench lock clean
 
 BIN := .venv/bin
 PACKAGES := rled_msgs_py rled_sim rled_agent rled_teleop
@@ -49,6 +49,9 @@ faults: setup ## Measure the table of faults anew: docs/faults.md.
 
 hostile: setup ## Send more than 30,000 malformed and hostile messages to all nodes (some minutes).
 	RLED_HOSTILE=250 $(BIN)/python -m pytest tests/faults -k hostile --timeout 600 $(ARGS)
+
+repairs: setup ## Repair 500 random bags of several makers, and 500 that are damaged.
+	RLED_BAGS=500 $(BIN)/python -m pytest tests/rled_msgs_py/test_bag_repair.py -k as_rich --timeout 600 $(ARGS)
 
 reproduce: setup ## Make the missing runs behind the figures of chapter 4 (FIG=4.6: of one; hours).
 	$(BIN)/python -m rled_agent.experiments.reproduce $(FIG) $(ARGS)
