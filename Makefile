@@ -3,7 +3,7 @@ SHELL := bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup demo test browser faults hostile memory fuzz reproduce figures check format bench lock clean
+.PHONY: help setup demo test browser faults hostile memory fuzz repairs reproduce figures check format bench lock clean
 
 BIN := .venv/bin
 PACKAGES := rled_msgs_py rled_sim rled_agent rled_teleop
@@ -57,6 +57,9 @@ fuzz: setup ## Mutated inputs to every reader, guided by coverage (MINUTES=5, SE
 
 memory: setup ## Flood all nodes with messages of 3 MB for a minute and print what memory they keep.
 	$(BIN)/python -m tests.faults.memory $(ARGS)
+
+repairs: setup ## Repair 500 random bags of several makers, and 500 that are damaged.
+	RLED_BAGS=500 $(BIN)/python -m pytest tests/rled_msgs_py/test_bag_repair.py -k as_rich --timeout 600 $(ARGS)
 
 reproduce: setup ## Make the missing runs behind the figures of chapter 4 (FIG=4.6: of one; hours).
 	$(BIN)/python -m rled_agent.experiments.reproduce $(FIG) $(ARGS)

@@ -38,7 +38,7 @@ def _repair(bag: Path) -> str:
     except BagInUse:
         return ""
     except Exception as error:  # a stranger's bag must not keep anybody from recording
-        return f"{bag} was left unfinished: {error or type(error).__name__}"
+        return f"{bag} was left unfinished: {str(error) or type(error).__name__}"
     losses = f"; lost: {', '.join(lost)}" if lost else ""
     files = f"; kept as they were: {', '.join(map(str, kept))}" if kept else ""
     return f"{bag} was left unfinished and is repaired: it holds {messages} messages{losses}{files}"

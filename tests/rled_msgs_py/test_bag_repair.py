@@ -18,7 +18,7 @@ from rled_msgs_py.bags.rescue import rescued
 
 from .made_bags import READERS, draw_bag, files_of, others, read, spoil
 
-COUNT = int(os.environ.get("REPAIRED_BAGS", "40"))
+COUNT = int(os.environ.get("RLED_BAGS", "40"))
 """Bags of each property; ``make repairs`` draws 500."""
 
 

@@ -30,12 +30,21 @@ def lock(file: IO[bytes], path: Path) -> IO[bytes]:
     """
     try:
         fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        file.close()
-        raise BagInUse(f"{path} is being recorded", "a bag that nobody writes", "end the recorder first") from None
-    except OSError:
-        pass  # a file system without locks
-    return file
+        is_held = True
+    except OSError as error:
+        is_held = not isinstance(error, BlockingIOError)  # or a file system without locks
+    if is_held and _is_at(file, path):
+        return file
+    file.close()
+    raise BagInUse(f"{path} is being recorded", "a bag that nobody writes", "end the recorder first")
+
+
+def _is_at(file: IO[bytes], path: Path) -> bool:
+    """Whether a path still leads to an open file; another process may have moved it before it was held."""
+    try:
+        return os.path.samestat(os.fstat(file.fileno()), path.stat())
+    except FileNotFoundError:
+        return False
 
 
 def hold(path: Path) -> IO[bytes]:
@@ -79,8 +88,7 @@ def replaced(folder: Path) -> Iterator[None]:
             _hold_all(aside, files, known)  # what came while it was moved
             yield
         except BaseException:
-            if not folder.exists():
-                aside.rename(folder)
+            aside.rename(room.with_name(room.name + ORIGINAL) if folder.exists() else folder)
             raise
 
 
