@@ -113,7 +113,7 @@ class FilePart:
 
 
 def divided(files: Sequence[Storage], name_of: NameOf) -> list[Part]:
-    """The parts of a recording, one at least.
+    """The parts of a recording; none where there is no valid description of a task.
 
     Args:
         files: its files.
@@ -121,7 +121,9 @@ def divided(files: Sequence[Storage], name_of: NameOf) -> list[Part]:
     """
     seen = _look(files, name_of)
     tasks = _in_force(seen, TASK_DESCRIPTION.name, [()] * len(seen.starts))
-    joints = [TaskDescription.from_json(each.text).joint_names if each.text else () for each in tasks]
+    if not tasks[0].text:
+        return []
+    joints = [TaskDescription.from_json(each.text).joint_names for each in tasks]
     robots = _in_force(seen, ROBOT_DESCRIPTION.name, joints)
     bounds, found = list[int](), list[tuple[_Told, _Told]]()
     for start, task, robot in zip(seen.starts, tasks, robots, strict=True):
