@@ -54,7 +54,7 @@ class TickAssembler:
         self._last: dict[Source, int] = {}
         self._newest = -1
         self._of_old_run = set[Source]()
-        self._names, self._halves = names, JointHalves(names)
+        self._names, self._halves, self._has_halves = names, JointHalves(names), False
 
     def meet(self, names: tuple[str, ...]) -> None:
         """Learn which joints are the robot's."""
@@ -78,13 +78,15 @@ class TickAssembler:
         if isinstance(record, JointSample) and len(named) < len(self._names):
             return self._add_half(record)
         if isinstance(record, JointSample) and named:
-            self._halves.add(record)
+            if self._has_halves:
+                self._halves.add(record)
             record = record.ordered(named)
         self._wait(record.stamp)[topic] = record
         return self._complete(record.stamp)
 
     def _add_half(self, half: JointSample) -> Tick | None:
         self._halves.add(half)
+        self._has_halves = True
         self._wait(half.stamp)
         ticks = (self._complete(stamp) for stamp in sorted(self._parts, reverse=True))
         return next((tick for tick in ticks if tick is not None), None)

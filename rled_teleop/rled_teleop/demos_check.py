@@ -21,13 +21,15 @@ class Check:
 
     def run(self) -> int:
         """Check the bag; returns the exit code."""
-        bag = Bag(self.bag)
+        bag = Bag(self.bag, 1)
         for _ in bag.messages():  # every checksum and every count
             pass
         found = review(bag)
+        if bag.note:
+            print(bag.note)
         for fault in found.faults:
             print(line_of(fault, found, self.bag))
-        if not found.faults:
+        if not (found.faults or bag.note):
             messages, episodes = counted(bag.message_count, "message"), counted(len(found.episodes), "episode")
             print(f"{self.bag}: no faults in {messages}, {episodes}")
         return 1 if found.faults or bag.note else 0

@@ -1,6 +1,7 @@
 """The command ``demos``: what it prints and writes, its exit codes, and that nothing makes it fall over."""
 
 import json
+import shlex
 import shutil
 import subprocess
 import sys
@@ -19,12 +20,13 @@ from rled_agent.demonstrations import DemonstrationError, open_demonstrations
 from rled_agent.selection import SelectionError
 from rled_msgs_py.bags import Bag, BagError, BagWriter, repair, review
 from rled_msgs_py.processes import program
+from rled_msgs_py.records import Text
 from rled_msgs_py.topics import JOINT_STATES, ROBOT_DESCRIPTION, TASK_DESCRIPTION
 from rled_teleop.demos_plot import draw_joints, draw_paths
 
 from rled_teleop import demos
 
-from ..rled_msgs_py.samples import ENTRIES, descriptions, tick, write_bag
+from ..rled_msgs_py.samples import ENTRIES, TASK, descriptions, tick, write_bag
 
 BAGS = Path(__file__).parents[2] / "bags"
 QUIET = [HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
@@ -112,6 +114,21 @@ def test_check_names_episode_time_and_remedy_and_the_remedy_works(said, tmp_path
         assert said("trim", path, option, "0.790", "--output", tmp_path / option)[0] == 0
         assert Bag(tmp_path / option).counts["joint_states"] == ticks
         assert said("check", tmp_path / option)[0] == 0
+
+
+def test_the_commands_go_on_with_a_bag_in_which_the_description_changes(said, tmp_path):
+    other = (TASK_DESCRIPTION, Text(replace(TASK, max_steps=50).to_json()))
+    path = written(tmp_path / "a bag", [*entries(0, 40), other, *entries(0, 30)])
+    code, text = said("check", path)
+    assert (code, text.count("\n")) == (1, 1)
+    remedy = shlex.split(text.split("with: ")[1])
+    assert remedy[:2] == ["demos", "trim"]
+    assert said(*remedy[1:-1], tmp_path / "second")[0] == 0
+    for number, (bag, ticks) in enumerate(((path, 40), (tmp_path / "second", 30))):
+        assert f"joint_states{ticks:>10}" in said("info", bag)[1]
+        assert said("trim", bag, "--output", tmp_path / f"part {number}")[0] == 0
+        assert said("check", tmp_path / f"part {number}")[0] == 0
+    assert said("trim", path, "--part", 3, "--output", tmp_path / "third")[0] == 2
 
 
 @pytest.mark.parametrize("kind", ["cut", "flipped", "empty", "foreign", "missing", "no task"])

@@ -121,6 +121,15 @@ def test_a_second_simulation_that_waits_at_its_first_tick_is_no_restart(tmp_path
     assert set(steps(bag)) == set(range(80))
 
 
+@pytest.mark.parametrize("topic", [topics.JOINT_STATES, topics.EE_POSE, topics.TASK_STATUS], ids=lambda each: each.name)
+def test_a_burst_of_somebody_else_on_one_topic_is_no_restart(tmp_path, topic):
+    burst = [entry for entry in entries(0, 20) if entry[0] == topic]
+    if topic == topics.TASK_STATUS:
+        burst = [(topic, replace(record, episode=9)) for _, record in burst]
+    bag = Bag(write(tmp_path / "bag", [*descriptions(), *entries(0, 90), *burst, *told(OTHER), *entries(90, 180)]))
+    assert (bag.parts, bag.task) == (1, TASK)
+
+
 def test_every_tool_goes_on_with_a_part(tmp_path):
     path = write(tmp_path / "bag", [*descriptions(), *entries(0, 40), *told(OTHER), *entries(0, 30)])
     trim(Bag(path, 2), tmp_path / "second", 0.1, 0.3, lambda _: None)
@@ -145,6 +154,13 @@ def test_a_split_bag_is_one_bag_for_each_part_and_loses_no_message(tmp_path):
         ("", 1, OTHER, list(range(30))),
     ]
     assert sum(bag.message_count for bag in bags) == len(found) - 1 + 1  # less the stray one; one robot, told to both
+
+
+def test_a_split_bag_keeps_messages_of_any_time(tmp_path):
+    late = [(topics.EE_POSE, replace(tick(0)[1][1], stamp=(2**31 - 1) * 1_000_000_000))]
+    path = write(tmp_path / "bag", [*descriptions(), *entries(0, 40), *late, *told("{}"), *entries(40, 80)])
+    split(path)
+    assert Bag(path).message_count == 2 + 80 * 5 + 1
 
 
 def test_a_bag_without_a_change_is_not_split(tmp_path):

@@ -195,7 +195,8 @@ class Bag:
         def name_of(topic: BagTopic) -> str:
             return self._relative(topic.name)
 
-        parts = divided(self._files, name_of)
+        if not (parts := divided(self._files, name_of)):
+            return
         self.parts, part = len(parts), parts[min(number, len(parts)) - 1]
         self._files = [FilePart(file, place, part, name_of) for place, file in enumerate(self._files)]
         self.counts = self._count()
@@ -206,11 +207,10 @@ class Bag:
             self.note = f"{what}, another is made a bag with: {other}"
 
     def _latched(self, topic: Topic) -> str:
-        texts = {cast(Text, record).data for record in self.records(topic)}
-        if not texts:
-            accepted = "a recording that began with the simulation running"
-            raise BagError(f"{self.path} holds no {topic.name}", accepted, "record it again with record_demos")
-        return texts.pop()
+        for record in self.records(topic):
+            return cast(Text, record).data
+        accepted = "a recording that began with the simulation running"
+        raise BagError(f"{self.path} holds no {topic.name}", accepted, "record it again with record_demos")
 
     def _find_namespace(self) -> str:
         topics = [topic for file in self._files for topic in file.topics.values()]

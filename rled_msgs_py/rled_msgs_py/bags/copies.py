@@ -5,6 +5,7 @@ that the gap is no fault.
 """
 
 import json
+import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -74,7 +75,7 @@ def trim(bag: Bag, output: Path, begin: float, end: float, report: Report, *, ov
     """
     states = series(bag, JOINT_STATES).moments
     zero = int(states[0]) if len(states) else next(dated(bag)).moment
-    first, stop = (zero + round(min(max(seconds, -MOST), MOST) * NANOSECONDS) for seconds in (begin, end))
+    first, stop = _moment(zero, begin), _moment(zero, end)
     line = timeline(bag) if bag.counts[EPISODE_EVENTS.name] else None
     of = {each.number for each in episodes(bag, line) if each.first < stop and each.last >= first} if line else set()
 
@@ -84,6 +85,11 @@ def trim(bag: Bag, output: Path, begin: float, end: float, report: Report, *, ov
         return each.name in DESCRIPTIONS or first <= each.moment < stop
 
     return _copy(bag, output, stays, cuts(bag), report, overwrite)
+
+
+def _moment(zero: int, seconds: float) -> float:
+    """A moment so many seconds after another (ns)."""
+    return zero + round(min(max(seconds, -MOST), MOST) * NANOSECONDS) if math.isfinite(seconds) else seconds
 
 
 def drop(bag: Bag, output: Path, numbers: Collection[int], report: Report, *, overwrite: bool = False) -> int:
@@ -128,11 +134,11 @@ def leave_out(bag: Bag, output: Path, begin: float, end: float, report: Report, 
     """
     states, line = series(bag, JOINT_STATES).moments, timeline(bag)
     zero = int(states[0]) if len(states) else next(dated(bag)).moment
-    first, stop = (zero + round(min(max(seconds, -MOST), MOST) * NANOSECONDS) for seconds in (begin, end))
+    first, stop = _moment(zero, begin), _moment(zero, end)
     before, after = line.moments[line.moments < first], line.moments[line.moments >= stop]
     if not len(before) + len(after):
         raise BagError(f"nothing of {bag.path} is left", "a stretch with messages", _look_at(bag))
-    latest, last = zero, max(int(line.moments[-1]), stop) + NANOSECONDS
+    latest, last = zero, int(line.moments[-1]) + NANOSECONDS
 
     def stays(each: Dated) -> bool:
         nonlocal latest  # a message that cannot be read may say any time

@@ -38,6 +38,9 @@ Key = tuple[int, int]
 """Number of a file and a channel in it."""
 
 
+COUNTERS, WINDOW = "counters", 51
+
+
 class Part(NamedTuple):
     """A stretch of a recording.
 
@@ -113,7 +116,7 @@ class FilePart:
 
 
 def divided(files: Sequence[Storage], name_of: NameOf) -> list[Part]:
-    """The parts of a recording, one at least.
+    """The parts of a recording; none where there is no valid description of a task.
 
     Args:
         files: its files.
@@ -121,7 +124,9 @@ def divided(files: Sequence[Storage], name_of: NameOf) -> list[Part]:
     """
     seen = _look(files, name_of)
     tasks = _in_force(seen, TASK_DESCRIPTION.name, [()] * len(seen.starts))
-    joints = [TaskDescription.from_json(each.text).joint_names if each.text else () for each in tasks]
+    if not tasks[0].text:
+        return []
+    joints = [TaskDescription.from_json(each.text).joint_names for each in tasks]
     robots = _in_force(seen, ROBOT_DESCRIPTION.name, joints)
     bounds, found = list[int](), list[tuple[_Told, _Told]]()
     for start, task, robot in zip(seen.starts, tasks, robots, strict=True):
@@ -153,13 +158,21 @@ def _look(files: Sequence[Storage], name_of: NameOf) -> _Seen:
             tick = tick if stamps[name][-1][1] == tick[1] else stamps[name][-1]
         if name == TASK_STATUS.name:  # its counters begin anew with the tick that it is part of
             counters.append((tick[0], _counter(data, counters[-1][1] if counters else 0)))
-    falls = {fall for name, found in [*stamps.items(), ("counters", counters)] for fall in _falls(name, found)}
-    return _Seen(order, texts, states, _starts(sorted(falls)))
+    falls = {fall for name, found in stamps.items() for fall in _falls(name, found)} | set(_resets(counters))
+    return _Seen(order, texts, states, _starts(sorted(falls), {name for name, found in stamps.items() if found}))
 
 
 def _falls(name: str, found: list[tuple[int, int]]) -> Iterator[tuple[int, str]]:
     places = np.flatnonzero(fallen_back(np.array([value for _, value in found], np.int64)))
     return ((found[place][0], name) for place in places.tolist())
+
+
+def _resets(counters: list[tuple[int, int]]) -> Iterator[tuple[int, str]]:
+    """Where counters begin anew: they fall below most of those before, not only below a stray message's."""
+    values = np.array([value for _, value in counters], np.int64)
+    for place in np.flatnonzero(fallen_back(values)).tolist():
+        if values[place] < np.median(values[max(place - WINDOW, 0) : place]):
+            yield counters[place][0], COUNTERS
 
 
 def _all(files: Sequence[Storage]) -> Iterator[tuple[Key, BagTopic, bytes]]:
@@ -186,15 +199,18 @@ def _counter(data: bytes, before: int) -> int:
     return min(status.episode, MOST) * MOST + min(status.step, MOST)
 
 
-def _starts(falls: list[tuple[int, str]]) -> list[int]:
-    """Positions at which the simulation begins anew, its topics one after the other; the first run begins at 0."""
-    starts, topics = [0], {*STATE_NAMES, "counters"}
+def _starts(falls: list[tuple[int, str]], recorded: set[str]) -> list[int]:
+    """Positions at which the simulation begins anew; the first run begins at 0.
+
+    All its topics begin anew there, one after the other, or its counters: a topic that falls back alone has a second
+    publisher.
+    """
+    clusters = list[tuple[int, set[str]]]()
     for position, name in falls:
-        if name in topics or position - starts[-1] > TOGETHER:
-            starts.append(position)
-            topics.clear()
-        topics.add(name)
-    return starts
+        if not clusters or name in clusters[-1][1] or position - clusters[-1][0] > TOGETHER:
+            clusters.append((position, set()))
+        clusters[-1][1].add(name)
+    return [0, *(position for position, names in clusters if names >= recorded or COUNTERS in names)]
 
 
 def _in_force(seen: _Seen, name: str, joints: list[tuple[str, ...]]) -> list[_Told]:

@@ -181,7 +181,7 @@ class Studio:
             return
         bag = Bag(self._folder / name)
         found = review(bag)
-        self._open = bag, found
+        self._open, self.said = (bag, found), bag.note or self.said
         rows = [
             f"| {each.number} | {'✔' if each.kept else '✘'} | {quality.score:.2f} | {quality.reached:.0%} "
             f"| {quality.detour:.2f} | {quality.jerk:.3g} |"
