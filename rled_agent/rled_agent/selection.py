@@ -2,6 +2,7 @@
 
 import shlex
 from collections.abc import Callable
+from shlex import quote
 from typing import NamedTuple
 
 from rled_msgs_py.bags import Bag, Review, review
@@ -75,7 +76,9 @@ def select_episodes(bag: Bag, min_quality: float, say: Say) -> Episodes:
     for reason in dict.fromkeys(reasons.values()):
         say(f"left out: {_names([number for number, why in reasons.items() if why == reason])}: {reason}")
     if found.episodes and len(reasons) == len(found.episodes):
-        raise SelectionError(f"no episode of {bag.path} is left", "one or more", f"see: demos info {bag.path}")
+        raise SelectionError(
+            f"no episode of {bag.path} is left", "one or more", f"see: demos info {quote(str(bag.path))}"
+        )
     chosen = [_motion(each, found) for each in found.episodes if each.number not in reasons and each.legs]
     left_out = [(each.first, each.last) for each in found.episodes if each.number in reasons]
     left_out += [way for ways in poor.values() for way in ways]
@@ -131,7 +134,8 @@ def _require_sound(bag: Bag, found: Review, faults: list[Fault]) -> None:
         if fault.kind not in ASIDE:
             where = f"{', '.join(fault.topics)} at {found.seconds(fault.first):.2f} s"
             what = f"{bag.path} is faulty: {fault.kind}: {where}: {fault.what}"
-            raise SelectionError(what, "a bag without such faults", f"see what to do with: demos check {bag.path}")
+            remedy = f"see what to do with: demos check {quote(str(bag.path))}"
+            raise SelectionError(what, "a bag without such faults", remedy)
 
 
 def _names(numbers: list[int]) -> str:

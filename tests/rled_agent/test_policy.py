@@ -144,3 +144,13 @@ def test_a_policy_that_cannot_be_written_is_one_clear_error(tmp_path, make_polic
     (tmp_path / "file").touch()
     with pytest.raises(CheckpointError, match=r"can't write .*policy"):
         make_policy().save(tmp_path / "file" / "policy.safetensors")
+
+
+@pytest.mark.parametrize("name", ["expert.safetensors", "policy.safetensors"])
+def test_the_folder_of_a_training_stands_for_the_policy_in_it(tmp_path, make_policy, name):
+    with pytest.raises(CheckpointError, match=r"no policy in .*; accepted: policy.safetensors or expert.safetensors"):
+        load_policy(tmp_path)
+    policy = make_policy()
+    policy.save(tmp_path / name)
+    found = load_policy(tmp_path)
+    assert torch.equal(found.network.parameters, policy.network.parameters)
