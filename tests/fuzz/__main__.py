@@ -42,6 +42,8 @@ def _options() -> argparse.Namespace:
     options = parser.parse_args()
     if unknown := sorted(set(options.targets) - set(names())):
         parser.error(f"there is no target {unknown[0]}; accepted: {', '.join(names())}")
+    if strange := [path for path in options.replay if path.absolute().parent.name not in names() or not path.is_file()]:
+        parser.error(f"{strange[0]} is no finding; accepted: a file in a folder that is named as its target")
     options.output = options.output.absolute()
     return options
 
@@ -59,7 +61,7 @@ def _replays(options: argparse.Namespace) -> list[Job]:
     files = [path.absolute() for path in options.replay]
     return [
         Job(name, options.output, replay=[path for path in files if path.parent.name == name])
-        for name in sorted({path.parent.name for path in files} & set(names()))
+        for name in sorted({path.parent.name for path in files})
     ]
 
 

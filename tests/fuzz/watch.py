@@ -108,6 +108,7 @@ def _work(job: Job, room: Path, seconds: float, stop: Event, result: Result) -> 
         process = subprocess.Popen(
             job.command(room, seconds),
             cwd=ROOT,
+            env={**os.environ, "TMPDIR": str(room)},
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=log,

@@ -71,7 +71,7 @@ def load_robot(description: str) -> RobotModel:
     """Read a URDF text with the meshes that it names; read before, it is at hand.
 
     Raises:
-        ValueError: it is no URDF.
+        ValueError: it is no URDF, or one that cannot be drawn.
     """
     import yourdfpy  # a second, only for whoever shows a robot
 
@@ -83,13 +83,17 @@ def load_robot(description: str) -> RobotModel:
             missing.add(fname)
         return str(found)
 
-    urdf = yourdfpy.URDF.load(
-        io.BytesIO(description.encode()),
-        filename_handler=find,
-        build_collision_scene_graph=False,
-        load_collision_meshes=False,
-    )
-    return RobotModel(tuple(_links(urdf)), tuple(sorted(missing)))
+    try:
+        urdf = yourdfpy.URDF.load(
+            io.BytesIO(description.encode()),
+            filename_handler=find,
+            build_collision_scene_graph=False,
+            load_collision_meshes=False,
+        )
+        links = tuple(_links(urdf))
+    except Exception as error:  # yourdfpy raises whatever a broken text leads it to
+        raise ValueError(f"the robot description cannot be drawn ({type(error).__name__}: {error})") from error
+    return RobotModel(links, tuple(sorted(missing)))
 
 
 def _links(urdf: Any) -> Iterator[Link]:

@@ -2,6 +2,7 @@
 
 import sqlite3
 from contextlib import closing
+from itertools import count
 from random import Random
 
 from . import cdr, plain
@@ -23,6 +24,9 @@ VALUES = (
     "sensor_msgs/msg/None",
 )
 
+STEPS = 100
+"""Thousands of instructions of SQLite's machine."""
+
 
 def mutate(data: bytes, other: bytes, rng: Random) -> bytes:
     if rng.random() < 0.3:
@@ -30,6 +34,8 @@ def mutate(data: bytes, other: bytes, rng: Random) -> bytes:
     try:
         with closing(sqlite3.connect(":memory:")) as base:
             base.deserialize(data)
+            steps = count()
+            base.set_progress_handler(lambda: next(steps) > STEPS, 1000)  # a broken tree may have no end
             _change(base, rng)
             base.commit()
             return base.serialize()

@@ -38,7 +38,7 @@ def read(data: bytes, folder: Path) -> None:
     cuts, *events = data.decode(errors="replace").replace("\0", "").split("\n")
     watched = Watched()
     with BagWriter(folder / "bag", metadata={"cuts": cuts}) as bag:
-        for topic, record in recording(10):
+        for topic, record in recording(5):
             bag.write(topic, record)
         for event in events[:20]:
             watched.on_event(event)
