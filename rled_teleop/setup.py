@@ -20,7 +20,6 @@ setup(
     install_requires=[
         "msgspec",
         "numpy",
-        "pyyaml",
         "rled_msgs_py",
         "rled_sim",
         "tqdm",

@@ -87,7 +87,7 @@ def load_policy(path: Path) -> Policy:
 
     Raises:
         CheckpointError: missing, damaged, of another program or version, of other shapes, or with numbers that are
-            not finite.
+            not finite or so large that no action comes of them.
     """
     path = policy_file(path)
     with open_tensors(path, FORMAT, VERSION) as file:
@@ -103,7 +103,11 @@ def load_policy(path: Path) -> Policy:
     network = Network(*sizes, architecture, torch.Generator(), squash=True)
     for name, parameter in network.named_parameters().items():
         parameter.copy_(tensors[f"network.{name}"])
-    return Policy(network, Scaling(*(tensors[name].numpy() for name in SCALING)), task, gate)
+    policy = Policy(network, Scaling(*(tensors[name].numpy() for name in SCALING)), task, gate)
+    low, high = task.observation_bounds()
+    if not np.isfinite(policy.act(np.stack([low, (low + high) / 2.0, high]))).all():
+        raise CheckpointError(f"{path} makes no action of a state: its numbers are too large", "", "make it again")
+    return policy
 
 
 class _Description(NamedTuple):

@@ -1,15 +1,13 @@
 """Which parts of a recording are learned from: what is faulty, discarded or poor is left out, and it is said."""
 
-import shlex
 from collections.abc import Callable
-from shlex import quote
 from typing import NamedTuple
 
 from rled_msgs_py.bags import Bag, Review, review
 from rled_msgs_py.bags.episodes import FOREVER, Episode
 from rled_msgs_py.bags.faults import ASIDE, Fault
 from rled_msgs_py.bags.quality import qualities
-from rled_msgs_py.errors import RledError
+from rled_msgs_py.errors import RledError, command
 from rled_msgs_py.topics import EPISODE_EVENTS, MARKED_EE_POSE, MARKED_JOINT_STATES
 
 POINTS = {MARKED_JOINT_STATES.name, MARKED_EE_POSE.name}
@@ -77,7 +75,7 @@ def select_episodes(bag: Bag, min_quality: float, say: Say) -> Episodes:
         say(f"left out: {_names([number for number, why in reasons.items() if why == reason])}: {reason}")
     if found.episodes and len(reasons) == len(found.episodes):
         raise SelectionError(
-            f"no episode of {bag.path} is left", "one or more", f"see: demos info {quote(str(bag.path))}"
+            f"no episode of {bag.path} is left", "one or more", f"see: {command('demos', 'info', bag.path)}"
         )
     chosen = [_motion(each, found) for each in found.episodes if each.number not in reasons and each.legs]
     left_out = [(each.first, each.last) for each in found.episodes if each.number in reasons]
@@ -91,7 +89,7 @@ def _say_faults(bag: Bag, found: Review, faults: list[Fault], say: Say) -> None:
         return
     told = [f"{_when(found, fault)} ({', '.join(fault.topics)}: {fault.what})" for fault in faults[:MOST_TOLD]]
     more = f" and {len(faults) - MOST_TOLD} more" if len(faults) > MOST_TOLD else ""
-    say(f"left out: {', '.join(told)}{more}; see: demos check {shlex.quote(str(bag.path))}")
+    say(f"left out: {', '.join(told)}{more}; see: {command('demos', 'check', bag.path)}")
 
 
 def _matters(fault: Fault, bag: Bag, found: Review, left_out: set[int]) -> bool:
@@ -134,7 +132,7 @@ def _require_sound(bag: Bag, found: Review, faults: list[Fault]) -> None:
         if fault.kind not in ASIDE:
             where = f"{', '.join(fault.topics)} at {found.seconds(fault.first):.2f} s"
             what = f"{bag.path} is faulty: {fault.kind}: {where}: {fault.what}"
-            remedy = f"see what to do with: demos check {quote(str(bag.path))}"
+            remedy = f"see what to do with: {command('demos', 'check', bag.path)}"
             raise SelectionError(what, "a bag without such faults", remedy)
 
 

@@ -18,6 +18,7 @@ from rled_sim.tasks import reach_task
 from rled_teleop.web import page as page_module
 from rled_teleop.web.access import Access
 from rled_teleop.web.control import Control
+from rled_teleop.web.inbound import understood
 from rled_teleop.web.order import Order
 from rled_teleop.web.page import Page
 from rled_teleop.web.watched import Seen, Watched
@@ -25,11 +26,6 @@ from viser import _messages as viser_messages
 
 from ..rled_msgs_py.samples import write_bag
 from ..web.socket_visitor import SocketVisitor, _awaited
-
-try:
-    from rled_teleop.web.inbound import understood
-except ImportError:
-    understood = bytes
 
 MARK = "#"
 """Before the label of a control, in the place of its identifier, which is another one each time."""

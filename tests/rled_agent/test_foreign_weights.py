@@ -164,8 +164,9 @@ def test_what_is_no_file_is_refused(tmp_path):
     import os
 
     os.mkfifo(tmp_path / "pipe")  # nobody writes: whoever opened it would wait
-    for path in (tmp_path / "pipe", tmp_path, tmp_path / "gone"):
+    for path in (tmp_path / "pipe", tmp_path / "gone"):
         assert f"there is no {path}" in refusal(path)
+    assert f"there is no policy in {tmp_path}" in refusal(tmp_path)
 
 
 @pytest.mark.parametrize("state", [[], 3, None, "state", {"added": {}}])

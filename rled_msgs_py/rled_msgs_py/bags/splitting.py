@@ -6,6 +6,8 @@ from pathlib import Path
 
 from rled_msgs_py.bags.bag import Bag
 from rled_msgs_py.bags.copies import trim
+from rled_msgs_py.bags.holding import temporary_folder
+from rled_msgs_py.bags.writer import making_way
 
 
 def split(path: Path) -> list[Path]:
@@ -25,7 +27,10 @@ def split(path: Path) -> list[Path]:
     for part in range(2, bag.parts + 1):
         paths.append(_free_name(path))
         trim(Bag(path, part), paths[-1], -inf, inf, lambda _: None)
-    trim(bag, path, -inf, inf, lambda _: None, overwrite=True)
+    with temporary_folder(path) as room:
+        trim(bag, room / path.name, -inf, inf, lambda _: None)
+        with making_way(path, overwrite=True):
+            (room / path.name).rename(path)
     return paths
 
 

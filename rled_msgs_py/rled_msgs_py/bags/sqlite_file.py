@@ -38,7 +38,8 @@ class SqliteFile:
             found = {connection.id: connection for connection in reader.connections}
         self._connections: Mapping[int, Connection] = found
         self.counts: Mapping[int, int] = {number: each.msgcount for number, each in found.items()}
-        self.topics: Mapping[int, BagTopic] = {number: _topic(each) for number, each in found.items()}
+        with _reported(path):
+            self.topics: Mapping[int, BagTopic] = {number: _topic(each) for number, each in found.items()}
 
     def messages(self, channels: Collection[int]) -> Iterator[Messages]:
         """Messages of some channels, in runs.
