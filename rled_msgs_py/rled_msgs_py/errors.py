@@ -18,6 +18,11 @@ def shortened(text: str, limit: int = MAX_LENGTH) -> str:
     return text if len(text) <= limit else f"{text[: limit // 2]} ... {text[-limit // 4 :]}"
 
 
+def one_line(text: str) -> str:
+    """The text without its line ends; spaces stay, a path in a command may have several."""
+    return " ".join(filter(None, map(str.strip, text.splitlines())))
+
+
 class RledError(Exception):
     """Root of the errors that a user can cause and mend.
 
@@ -63,7 +68,7 @@ def command_line(main: Callable[[], None]) -> Callable[[], None]:
         except (RledError, OSError, UnicodeError, MemoryError) as error:
             if isinstance(error, BrokenPipeError) and _nobody_reads():
                 sys.exit(141)
-            _end(f"error: {' '.join(str(error).split()) or 'out of memory'}", 2)
+            _end(f"error: {one_line(str(error)) or 'out of memory'}", 2)
         except KeyboardInterrupt:
             _end("interrupted", 130)
 

@@ -88,6 +88,13 @@ def test_another_pipe_that_breaks_is_still_an_error():
     assert "Broken pipe" in command.stderr
 
 
+def test_an_error_is_printed_in_one_line_and_a_path_keeps_its_spaces(capsys):
+    said = command("demos", "repair", Path("two  spaces"))
+    with pytest.raises(SystemExit):
+        raising(RledError("it is\n   damaged", "", said))()
+    assert capsys.readouterr().err == "error: it is damaged; demos repair 'two  spaces'\n"
+
+
 def test_a_command_in_a_remedy_survives_a_shell():
     said = command("demos", "info", Path("/data/it's mine; $HOME"))
     assert shlex.split(said) == ["demos", "info", "/data/it's mine; $HOME"]
