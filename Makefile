@@ -3,7 +3,7 @@ SHELL := bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup demo test browser faults hostile reproduce figures check format bench lock clean
+.PHONY: help setup demo test browser faults hostile memory fuzz repairs reproduce figures check format bench lock clean
 
 BIN := .venv/bin
 PACKAGES := rled_msgs_py rled_sim rled_agent rled_teleop
@@ -32,6 +32,8 @@ setup: .venv/packages.stamp ## Make .venv with Python 3.11 from requirements.loc
 
 .venv/packages.stamp: .venv/lock.stamp $(wildcard $(PACKAGES:%=%/setup.py) $(PACKAGES:%=%/setup.cfg))
 	$(BIN)/python -m pip install $(EDITABLE)
+	@mkdir -p .venv/share/rled_sim && cp rled_sim/package.xml .venv/share/rled_sim  # editable packages have no share
+	@ln -sfn ../../lib/python3.11/site-packages/pybullet_data .venv/share/rled_sim/robots
 	@touch $@
 
 demo: setup ## Record a demonstration, learn it, drive the robot; results in out/demo.
@@ -49,6 +51,15 @@ faults: setup ## Measure the table of faults anew: docs/faults.md.
 
 hostile: setup ## Send more than 30,000 malformed and hostile messages to all nodes (some minutes).
 	RLED_HOSTILE=250 $(BIN)/python -m pytest tests/faults -k hostile --timeout 600 $(ARGS)
+
+fuzz: setup ## Mutated inputs to every reader, guided by coverage (MINUTES=5, SEED=, ARGS="mcap_bag urdf").
+	$(BIN)/python -m tests.fuzz --minutes $(or $(MINUTES),5) --seed $(or $(SEED),0) $(ARGS)
+
+memory: setup ## Flood all nodes with messages of 3 MB for a minute and print what memory they keep.
+	$(BIN)/python -m tests.faults.memory $(ARGS)
+
+repairs: setup ## Repair 500 random bags of several makers, and 500 that are damaged.
+	RLED_BAGS=500 $(BIN)/python -m pytest tests/rled_msgs_py/test_bag_repair.py -k as_rich --timeout 600 $(ARGS)
 
 reproduce: setup ## Make the missing runs behind the figures of chapter 4 (FIG=4.6: of one; hours).
 	$(BIN)/python -m rled_agent.experiments.reproduce $(FIG) $(ARGS)

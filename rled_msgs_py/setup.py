@@ -13,6 +13,7 @@ setup(
     maintainer_email="maintainers@rled.invalid",
     python_requires=">=3.11",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    package_data={NAME: ["*.xml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
@@ -21,7 +22,6 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
-            "repair_bag = rled_msgs_py.starting:rled_msgs_py.repair_bag",
             "security_policy = rled_msgs_py.starting:rled_msgs_py.security_policy",
         ]
     },

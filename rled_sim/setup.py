@@ -1,8 +1,26 @@
 """Installs with pip and with colcon; ROS itself (rclpy, messages) is named in package.xml, never here."""
 
+import os
+from importlib.util import find_spec
+from pathlib import Path
+
 from setuptools import find_packages, setup
 
 NAME = "rled_sim"
+
+
+def robots() -> list[tuple[str, list[str]]]:
+    """The meshes of PyBullet's robots, for tools that look for ``package://rled_sim/robots``; none without PyBullet."""
+    found = find_spec("pybullet_data")
+    if found is None or found.origin is None:
+        return []
+    data = Path(found.origin).parent
+    files: dict[str, list[str]] = {}
+    for file in sorted(each for each in (data / "franka_panda").rglob("*") if each.is_file()):
+        place = f"share/{NAME}/robots/{file.parent.relative_to(data)}"
+        files.setdefault(place, []).append(os.path.relpath(file, Path(__file__).parent))  # colcon refuses absolute ones
+    return list(files.items())
+
 
 setup(
     name=NAME,
@@ -17,12 +35,14 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
+        *robots(),
     ],
     install_requires=["gymnasium", "numpy", "pybullet", "rled_msgs_py"],
     zip_safe=False,
     entry_points={
         "console_scripts": [
             "sim_node = rled_msgs_py.starting:rled_sim.sim_node",
+            "robot_description = rled_msgs_py.starting:rled_sim.robot_description",
         ]
     },
 )

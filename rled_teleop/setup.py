@@ -17,7 +17,17 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
     ],
-    install_requires=["numpy", "pyyaml", "rled_msgs_py", "rled_sim", "tqdm", "tyro", "viser", "websockets", "yourdfpy"],
+    install_requires=[
+        "msgspec",
+        "numpy",
+        "rled_msgs_py",
+        "rled_sim",
+        "tqdm",
+        "tyro",
+        "viser",
+        "websockets",
+        "yourdfpy",
+    ],
     extras_require={"gamepad": ["evdev-binary"]},
     zip_safe=False,
     entry_points={

@@ -9,9 +9,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from rclpy.clock import Clock, ClockType
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rled_msgs_py.awaiting import brought_by, say_what_is_awaited
+from rled_msgs_py.callbacks import Ending, every, serve
 from rled_msgs_py.command_output import CommandOutput
 from rled_msgs_py.errors import ContractError, RledError
 from rled_msgs_py.life import watch_life
@@ -19,7 +21,7 @@ from rled_msgs_py.messages import encode
 from rled_msgs_py.node import advertise, declare, run_node, spin, subscribe, subscribe_ticks
 from rled_msgs_py.records import Actor, DeltaCommand, GateCode, GateDecision, Text
 from rled_msgs_py.task import TaskDescription
-from rled_msgs_py.tick import Tick
+from rled_msgs_py.tick import STATE_TOPICS, Tick
 from rled_msgs_py.topics import (
     DIAGNOSTICS,
     HUMAN_JOINT_DELTA,
@@ -34,11 +36,12 @@ from rled_sim.kinematics import Chain
 from rled_sim.limits import Guard
 from std_srvs.srv import SetBool, Trigger
 
-from rled_agent.agent_params import AgentParams
+from rled_agent.agent_params import AS_TRAINED, AgentParams
 from rled_agent.agent_report import AgentReport
 from rled_agent.arbiter import Arbiter, Outcome, Situation
-from rled_agent.controller import Proposals, load_controller, observe
+from rled_agent.controller import Proposals, load_policies, make_controller, observe
 from rled_agent.online_learning import Answered, OnlineLearning
+from rled_agent.uncertainty import GateSettings
 
 LOOK = 0.02
 """Seconds between two looks at a state that waits for a person."""
@@ -67,11 +70,17 @@ class AgentNode(Node):
         super().__init__("agent_node", **arguments)
         torch.set_num_threads(1)
         torch.set_flush_denormal(True)
-        self._params = declare(self, AgentParams, self._on_change)
-        self._controller = load_controller(self._params.expert, self._params.agent, self._params.actor())
+        self._arbiter: Arbiter | None = None
+        given = declare(self, AgentParams, self._on_change)
+        policies = load_policies(given.expert, given.agent)
+        self._trained = policies.agent.gate if policies.agent is not None else None
+        self._params = given.in_force(self._trained)
+        self._controller = make_controller(policies, self._params.actor())
+        self._show_in_force(given)
+        if policies.gated:
+            self.get_logger().info(_gate_said(given, self._trained))
         self._task: TaskDescription | None = None
         self._urdf = ""
-        self._arbiter: Arbiter | None = None
         self._enabled = self._params.enabled
         self._learning = OnlineLearning(
             self._controller.policy, self._params.agent, self._params.learning_state, self._params.learning_priority
@@ -96,21 +105,37 @@ class AgentNode(Node):
         self._serve()
         if self._params.learn:
             self._learning.start()
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(1.0, self._say_health, clock=steady)
-        self.create_timer(LOOK, self._decide, clock=steady)
+        every(self, 1.0, self._say_health)
+        every(self, LOOK, self._decide)
+        say_what_is_awaited(self, self._awaited)
 
     def _serve(self) -> None:
-        self.create_service(SetBool, "~/enable", self._on_enable)
-        self.create_service(SetBool, "~/estop", self._on_estop)
-        self.create_service(SetBool, "~/learn", self._on_learn)
-        self.create_service(Trigger, "~/save", self._on_save)
+        serve(self, SetBool, "~/enable", self._on_enable)
+        serve(self, SetBool, "~/estop", self._on_estop)
+        serve(self, SetBool, "~/learn", self._on_learn)
+        serve(self, Trigger, "~/save", self._on_save)
 
-    def _on_change(self, params: AgentParams) -> None:
+    def _awaited(self) -> str:
+        missing = [
+            *([TASK_DESCRIPTION.name] if self._task is None else []),
+            *([ROBOT_DESCRIPTION.name] if not self._urdf else []),
+            *([] if self._newest >= 0 else [topic.name for topic in STATE_TOPICS]),
+        ]
+        return brought_by(self, "sim_node", ", ".join(missing)) if missing else ""
+
+    def _on_change(self, given: AgentParams) -> None:
+        params = given.in_force(self._trained)
         if self._arbiter is not None:
             self._arbiter.settings = params.gate()
         self._controller.adjust(params.actor())
         self._params = params
+        self._show_in_force(given)
+
+    def _show_in_force(self, given: AgentParams) -> None:
+        """Let the node's parameters be the values that are used, in place of what stands for them."""
+        if given.not_given:
+            params = given.in_force(self._trained)
+            self.set_parameters([Parameter(name, value=getattr(params, name)) for name in given.not_given])
 
     def _on_task(self, text: Text) -> None:
         task = TaskDescription.from_json(text.data)
@@ -118,7 +143,7 @@ class AgentNode(Node):
             task.require_same_robot(self._controller.policy.task, "the policy")
         except ContractError as error:
             if self._arbiter is None:
-                raise RledError(error.what, error.accepted) from None  # the policy of another robot: the node ends
+                raise Ending(RledError(error.what, error.accepted)) from None  # the policy of another robot
             raise
         self._arbitrate(task, self._urdf)
 
@@ -145,9 +170,9 @@ class AgentNode(Node):
         if time.monotonic() - self._reported > SOON:
             self._say_health()
 
-    def _on_life(self, simulations: int) -> None:
-        self._report.living(simulations)
-        if simulations:
+    def _on_life(self, simulation: bool) -> None:
+        self._report.living(simulation)
+        if simulation:
             self.get_logger().info("a simulation is there; " + _doing(self._enabled))
         else:
             self.get_logger().warning("the simulation is gone; waiting for it")
@@ -258,6 +283,15 @@ class AgentNode(Node):
         """End the learning process, which saves its state, with the node."""
         self._learning.close()
         super().destroy_node()
+
+
+def _gate_said(given: AgentParams, trained: GateSettings | None) -> str:
+    """What the gate compares, and where that comes from."""
+    params = given.in_force(trained)
+    settings = GateSettings(params.measure, params.threshold, params.passes)  # type: ignore[arg-type]
+    chosen = ", ".join(name for name in AS_TRAINED if name not in given.not_given)
+    source = "as the policy was trained" if trained is not None else "the policy says nothing of a gate"
+    return f"the gate: {settings} ({f'{chosen} given; else ' if chosen else ''}{source})"
 
 
 def _doing(enabled: bool) -> str:

@@ -1,22 +1,38 @@
 """Parameters of the agent node."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import get_args
 
+from rled_msgs_py.errors import ContractError
 from rled_msgs_py.params import param
 
 from rled_agent.apprentice import PRIORITIES
 from rled_agent.arbiter import ArbiterSettings
 from rled_agent.controller import ActorSettings
+from rled_agent.uncertainty import GateSettings, Measure
+
+TRAINED = "trained"
+AS_TRAINED = {"threshold": -1.0, "measure": TRAINED, "passes": 0}
+"""What stands for the value that the policy was trained with, by parameter."""
 
 
 @dataclass(frozen=True)
 class AgentParams:
-    """Parameters of the agent node; those of the gate and Φ may be set while it runs."""
+    """Parameters of the agent node; those of the gate and Φ may be set while it runs.
 
-    expert: str = param("out/expert/expert.safetensors", "weights that train_expert wrote", read_only=True)
+    What the gate compares comes with the policy unless it is given.
+    """
+
+    expert: str = param("out/expert/expert.safetensors", "weights of train_expert, or their folder", read_only=True)
     agent: str = param("", "policy that train_agent wrote; empty: the expert drives alone", read_only=True)
-    threshold: float = param(1e-3, "ξ: at this uncertainty or more the expert acts", low=0.0, high=1e9)
-    measure: str = param("qcd", "uncertainty that is compared with the threshold", choices=("qcd", "iqr"))
+    threshold: float = param(
+        -1.0, "ξ: at this uncertainty or more the expert acts; -1: as the policy was trained", low=-1.0, high=1e9
+    )
+    measure: str = param(
+        TRAINED, f"uncertainty that is compared with the threshold; {TRAINED}: as the policy was",
+        choices=(TRAINED, *get_args(Measure)),
+    )  # fmt: skip
+    passes: int = param(0, "N, stochastic passes of the actor; 0: as the policy was trained", low=0, high=10_000)
     hysteresis: float = param(0.0, "the agent acts again below ξ (1 - hysteresis); 0: the thesis", low=0.0, high=1.0)
     dwell: int = param(0, "steps that the expert acts for at least; 0: the thesis", low=0, high=100_000)
     phi: float = param(0.0, "Φ, probability that the expert drives an episode", low=0.0, high=1.0)
@@ -29,7 +45,6 @@ class AgentParams:
         0.0, "where unsure, hold and ask a person for so long (s) before the expert acts; 0: do not ask",
         low=0.0, high=3600.0,
     )  # fmt: skip
-    passes: int = param(30, "N, stochastic passes of the actor", low=2, high=10_000, read_only=True)
     noise: float = param(0.0, "deviation of exploration noise, in halves of the action range", low=0.0, high=10.0,
                          read_only=True)  # fmt: skip
     seed: int = param(0, "seed of dropped units, noise and episodes", low=0, high=2**31 - 1, read_only=True)
@@ -40,6 +55,23 @@ class AgentParams:
     )  # fmt: skip
     learn: bool = param(False, "learn from the start; ~/learn switches it", read_only=True)
     enabled: bool = param(True, "answer states; ~/enable switches it", read_only=True)
+
+    def __post_init__(self) -> None:
+        if -1.0 < self.threshold < 0.0:
+            raise ContractError(f"threshold is {self.threshold}", "0 or more, or -1")
+        if self.passes == 1:
+            raise ContractError("passes is 1", "2 or more, or 0")
+
+    def in_force(self, trained: GateSettings | None) -> "AgentParams":
+        """The same with what the policy was trained with in place of what is not given."""
+        known = trained or GateSettings()
+        missing = {name: getattr(known, name) for name in self.not_given}
+        return replace(self, **missing)
+
+    @property
+    def not_given(self) -> list[str]:
+        """Names of what comes with the policy."""
+        return [name for name, value in AS_TRAINED.items() if getattr(self, name) == value]
 
     def actor(self) -> ActorSettings:
         """What a learned actor needs of them."""

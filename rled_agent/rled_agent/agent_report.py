@@ -20,7 +20,7 @@ class AgentReport:
         self._decisions: Counter[GateCode] = Counter()
         self._refused: Counter[str] = Counter()
         self._slowest, self._missed = 0.0, 0
-        self._alive: int | None = None
+        self._alive: bool | None = None
         self._losses = 0
 
     def decided(self, code: GateCode) -> None:
@@ -36,10 +36,10 @@ class AgentReport:
         """Count a message that nothing came of."""
         self._refused[topic] += 1
 
-    def living(self, simulations: int) -> None:
-        """Note how many simulations live."""
-        self._losses += simulations == 0 and self._alive is not None
-        self._alive = simulations
+    def living(self, simulation: bool) -> None:
+        """Note whether a simulation lives."""
+        self._losses += not simulation
+        self._alive = simulation
 
     def health(self, now: int, enabled: bool, arbiter: Arbiter | None, apprentice: Apprentice | None) -> Health:
         """The report since the last one; ``now`` is wall time (ns)."""
@@ -55,7 +55,7 @@ class AgentReport:
                 level, message = Level.ERROR, "the learning process has ended; call ~/learn again"
         if arbiter is None:
             level, message = Level.WARN, "no task_description and robot_description yet"
-        elif self._alive == 0:
+        elif self._alive is False:
             level, message = Level.WARN, "the simulation is gone; waiting for it"
         elif arbiter.stopped:
             level, message = Level.ERROR, "emergency stop"

@@ -1,11 +1,16 @@
-"""A checkpoint: one safetensors file whose header holds JSON, no pickle anywhere."""
+"""Weights and checkpoints: safetensors files whose header holds JSON, no pickle anywhere, wherever they come from."""
 
+import errno
 import json
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rled_msgs_py.errors import RledError
+import torch
+from rled_msgs_py.errors import ContractError, RledError
 from rled_msgs_py.files import whole_file
+from rled_msgs_py.foreign import MAX_TEXT, read_json
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
@@ -51,7 +56,9 @@ def write_tensors(path: Path, tensors: dict[str, Tensor], header: dict[str, str]
             save_file({name: each.contiguous() for name, each in tensors.items()}, temporary, header)
             _sort_header(temporary)
     except (OSError, SafetensorError) as error:
-        raise CheckpointError(f"can't write {path} ({error})", "", "free disk space; what stood there stays") from None
+        full = isinstance(error, SafetensorError) or error.errno in (errno.ENOSPC, errno.EDQUOT)
+        remedy = "free disk space; what stood there stays" if full else "write somewhere else"
+        raise CheckpointError(f"can't write {path} ({error})", "", remedy) from None
 
 
 def _sort_header(path: Path) -> None:
@@ -72,15 +79,92 @@ def read_checkpoint(path: Path) -> Checkpoint:
     Raises:
         CheckpointError: missing, damaged, or of another program or version.
     """
-    header, tensors = read_tensors(path, FORMAT, VERSION)
+    with open_tensors(path, FORMAT, VERSION) as file:
+        return Checkpoint(file.read(), _state(file))
+
+
+def read_state(path: Path) -> dict[str, Any]:
+    """Everything but the tensors of a checkpoint.
+
+    Raises:
+        CheckpointError: as ``read_checkpoint``.
+    """
+    with open_tensors(path, FORMAT, VERSION) as file:
+        return _state(file)
+
+
+def _state(file: "TensorFile") -> dict[str, Any]:
     try:
-        return Checkpoint(tensors, json.loads(header["state"]))
-    except (KeyError, ValueError) as error:
-        raise damaged(path, FORMAT, f"header: {error}") from None
+        state = read_json(file.header["state"], "its state")
+    except (KeyError, ContractError) as error:
+        raise damaged(file.path, FORMAT, f"header: {error}") from None
+    if not isinstance(state, dict):
+        raise damaged(file.path, FORMAT, "header: its state is no object")
+    return state
 
 
-def read_tensors(path: Path, form: str, version: int) -> tuple[dict[str, str], dict[str, Tensor]]:
-    """Header and tensors of a safetensors file of ours.
+class Layout(NamedTuple):
+    """What a tensor has to be.
+
+    Attributes:
+        shape: its sizes.
+        kind: its numbers, as safetensors names them.
+    """
+
+    shape: tuple[int, ...]
+    kind: str = "F32"
+
+
+class TensorFile(NamedTuple):
+    """An open safetensors file of ours, of which only the header was read.
+
+    Attributes:
+        path: where it lies.
+        header: texts by name.
+        file: as the library has it; it has checked that the tensors fill the file.
+    """
+
+    path: Path
+    header: dict[str, str]
+    file: Any
+
+    def read(self, layouts: Mapping[str, Layout] | None = None) -> dict[str, Tensor]:
+        """All tensors by name.
+
+        Args:
+            layouts: of all tensors that there have to be, looked at before any is read; any by default.
+
+        Raises:
+            CheckpointError: other tensors, or a number that is not finite.
+        """
+        names = list(self.file.keys())
+        if layouts is not None:
+            for name, layout in layouts.items():
+                self._require(name, name in names, layout)
+            if unknown := sorted(set(names) - set(layouts)):
+                raise CheckpointError(f"{self.path} holds {unknown[0][:80]}", ", ".join(layouts), "use another file")
+        return {name: self._finite(name) for name in names}
+
+    def _require(self, name: str, is_there: bool, layout: Layout) -> None:
+        found = None
+        if is_there:
+            part = self.file.get_slice(name)
+            found = Layout(tuple(part.get_shape()), part.get_dtype())
+        if found != layout:
+            shown = f"{found.shape} {found.kind}" if found else "nothing"
+            what, accepted = f"{self.path} holds {shown} as {name}", f"{layout.shape} {layout.kind}"
+            raise CheckpointError(what, accepted, "use weights of this robot and task")
+
+    def _finite(self, name: str) -> Tensor:
+        tensor: Tensor = self.file.get_tensor(name)
+        if tensor.is_floating_point() and not torch.isfinite(tensor).all():
+            raise CheckpointError(f"{self.path} holds NaN or infinity in {name}", "finite numbers", "make it again")
+        return tensor
+
+
+@contextmanager
+def open_tensors(path: Path, form: str, version: int) -> Iterator[TensorFile]:
+    """Open a safetensors file of ours; nothing of it is in memory but its header, which is small.
 
     Raises:
         CheckpointError: missing, damaged, or of another program or version.
@@ -88,17 +172,24 @@ def read_tensors(path: Path, form: str, version: int) -> tuple[dict[str, str], d
     if not path.is_file():
         raise CheckpointError(f"there is no {path}", f"a {form} file")
     try:
+        _require_small_header(path, form)
         with safe_open(path, "pt") as file:
             header = file.metadata() or {}
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+            found = f"{header.get('format', 'of no format')} {header.get('version', '')}".strip()[:80]
+            if found != f"{form} {version}":
+                raise CheckpointError(f"{path} is {found}", f"{form} {version}", "make it again with this version")
+            yield TensorFile(path, header, file)
     except (SafetensorError, OSError, RuntimeError) as error:
         raise damaged(path, form, str(error)) from None
-    found = f"{header.get('format', 'of no format')} {header.get('version', '')}".strip()
-    if found != f"{form} {version}":
-        raise CheckpointError(f"{path} is {found}", f"{form} {version}", "make it again with this version")
-    return header, tensors
+
+
+def _require_small_header(path: Path, form: str) -> None:
+    with path.open("rb") as file:
+        size = int.from_bytes(file.read(8), "little")
+    if size > min(MAX_TEXT, path.stat().st_size):
+        raise damaged(path, form, f"its header would have {size:,} bytes")
 
 
 def damaged(path: Path, form: str, why: str) -> CheckpointError:
     """The error of a file that is not whole."""
-    return CheckpointError(f"{path} is damaged ({why.partition(chr(10))[0]})", f"a whole {form} file")
+    return CheckpointError(f"{path} is damaged ({why.partition(chr(10))[0][:300]})", f"a whole {form} file")

@@ -1,34 +1,20 @@
 """Settings of a training run."""
 
 import dataclasses
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from operator import attrgetter
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from rled_msgs_py.errors import RledError
+from rled_msgs_py.errors import ContractError
+from rled_msgs_py.kinds import Range, check_kinds, from_object
 from rled_sim.faults import Faults
 from rled_sim.tasks import MOST_SPREAD
 
+from rled_agent.bounds import MANY, Amount, Count, Seed, Share
 from rled_agent.learners.td3 import LearnerConfig
-from rled_agent.nn.architecture import Architecture
-from rled_agent.uncertainty import Measure
+from rled_agent.uncertainty import GateSettings, Measure, Passes
 
-
-class ConfigError(RledError):
-    """A setting out of its range."""
-
-
-def require_ranges(settings: Any, ranges: Mapping[str, tuple[float, float]]) -> None:
-    """Refuse settings outside closed ranges, by dotted name; of a tuple, each part is looked at.
-
-    Raises:
-        ConfigError: names the setting, its value and the range.
-    """
-    for name, (low, high) in ranges.items():
-        value = attrgetter(name)(settings)
-        if not all(low <= each <= high for each in (value if isinstance(value, tuple) else (value,))):
-            raise ConfigError(f"{name} is {value}", f"{low:g} to {high:g}")
+MOST_ROWS = 10_000_000
+"""Transitions of a replay: more than a gigabyte on the Panda."""
 
 
 @dataclass(frozen=True)
@@ -38,51 +24,56 @@ class BehaviourConfig:
     name: Literal["biased", "gate", "jump_start", "proposal"] = "biased"
     """biased: the expert drives an episode with probability phi; gate: it acts where the actor is unsure; jump_start:
     it begins each episode (JSRL); proposal: it acts where the critics prefer its action (IBRL)"""
-    phi: float = 0.1
+    phi: Share = 0.1
     """probability of policy reuse Φ (Eq. 4.11); 0 is pure TD3"""
-    threshold: float = 1e-3
+    threshold: Amount = 1e-3
     """ξ of Eq. 4.40: at this uncertainty or more the expert acts"""
     measure: Measure = "qcd"
     """qcd: quartile coefficient of dispersion (Eq. 4.39); iqr: interquartile range over the action range"""
-    passes: int = 30
+    passes: Passes = 30
     """N, stochastic passes of the actor; only an actor with dropout is asked for its uncertainty"""
-    noise: float = 0.1
+    noise: Annotated[float, Range(0, 10)] = 0.1
     """δ, deviation of the exploration noise, in halves of the action range"""
-    guide_steps: int = 60
+    guide_steps: Annotated[int, Range(0, MANY)] = 60
     """jump_start: steps of an episode in which the expert acts, in the first stage"""
-    guide_stages: int = 10
+    guide_stages: Count = 10
     """jump_start: stages after which it acts no more"""
-    guide_tolerance: float = 0.1
+    guide_tolerance: Amount = 0.1
     """jump_start: share of the best mean return that may lack for the next stage"""
+
+    @property
+    def gate(self) -> GateSettings | None:
+        """What the Monte-Carlo gate compares; None where another behaviour acts."""
+        return GateSettings(self.measure, self.threshold, self.passes) if self.name == "gate" else None
 
 
 @dataclass(frozen=True)
 class ScheduleConfig:
     """When to act, to learn, to look and to save, in environment steps."""
 
-    steps: int = 150_000
+    steps: Count = 150_000
     """environment steps in all"""
-    train_after: int = 10_000
+    train_after: Count = 10_000
     """steps before the first gradient step"""
-    train_every: int = 1_000
+    train_every: Count = 1_000
     """steps between bursts of gradient steps"""
-    gradient_steps: int = 1_000
+    gradient_steps: Annotated[int, Range(0, MANY)] = 1_000
     """K, gradient steps in a burst"""
-    batch_size: int = 100
+    batch_size: Annotated[int, Range(1, 1_000_000)] = 100
     """transitions in a gradient step"""
-    expert_share: float = 0.0
+    expert_share: Share = 0.0
     """share of each batch that is drawn from the demonstrations instead of the replay"""
-    preload: int = 0
+    preload: Annotated[int, Range(0, MOST_ROWS)] = 0
     """demonstrated transitions put into the replay before the first step"""
-    capacity: int = 1_000_000
+    capacity: Annotated[int, Range(1, MOST_ROWS)] = 1_000_000
     """transitions kept for replay"""
-    evaluate_every: int = 5_000
+    evaluate_every: Count = 5_000
     """steps between evaluations, a multiple of log_every"""
-    evaluation_episodes: int = 20
+    evaluation_episodes: Annotated[int, Range(1, 100_000)] = 20
     """episodes in an evaluation"""
-    log_every: int = 1_000
+    log_every: Count = 1_000
     """steps between rows of metrics.csv"""
-    checkpoint_every: int = 10_000
+    checkpoint_every: Count = 10_000
     """steps between checkpoints, a multiple of log_every"""
 
 
@@ -94,9 +85,9 @@ class TrainConfig:
     """Gymnasium environment"""
     reward: Literal["dense", "sparse", "own"] = "dense"
     """reward function of section 4.1.3; own: what the environment pays"""
-    target_spread: float = 0.0
+    target_spread: Annotated[float, Range(0, MOST_SPREAD)] = 0.0
     """how far beside the curve targets lie at most, along each axis (m); over the graph it is sim_node's"""
-    seed: int = 0
+    seed: Seed = 0
     """of everything that is drawn; the same seed gives the same run"""
     behaviour: BehaviourConfig = field(default_factory=BehaviourConfig)
     schedule: ScheduleConfig = field(default_factory=ScheduleConfig)
@@ -105,82 +96,27 @@ class TrainConfig:
     """on purpose, in process; over the graph they are those of sim_node"""
 
     def __post_init__(self) -> None:
-        require_ranges(self, RANGES)
+        check_kinds(self)
+        if dropout := self.learner.critic.dropout:
+            raise ContractError(f"learner.critic.dropout is {dropout}", "0", "critics drop no units")
         for name in ("evaluate_every", "checkpoint_every"):
             value, log_every = getattr(self.schedule, name), self.schedule.log_every
             if value % log_every:
-                raise ConfigError(f"schedule.{name} is {value}", f"a multiple of schedule.log_every ({log_every})")
+                raise ContractError(f"schedule.{name} is {value}", f"a multiple of schedule.log_every ({log_every})")
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, for JSON."""
         return dataclasses.asdict(self)
 
     @staticmethod
-    def from_dict(values: dict[str, Any]) -> "TrainConfig":
-        """Read what ``to_dict`` gave, also after a way through JSON.
+    def from_dict(values: Any) -> "TrainConfig":
+        """Read what ``to_dict`` gave, after a way through JSON, from wherever it comes.
 
         Raises:
-            ConfigError: fields of another version.
+            ContractError: fields missing, unknown, of another kind or out of their range, or an environment that is
+                to be imported from a module: what stands in a file makes no code run.
         """
-        try:
-            networks = {name: _architecture(values["learner"][name]) for name in ("actor", "critic")}
-            return TrainConfig(
-                env=values["env"],
-                reward=values["reward"],
-                target_spread=values["target_spread"],
-                seed=values["seed"],
-                behaviour=BehaviourConfig(**values["behaviour"]),
-                schedule=ScheduleConfig(**values["schedule"]),
-                learner=LearnerConfig(**values["learner"] | networks),
-                faults=Faults(**values.get("faults", {})),
-            )
-        except (KeyError, TypeError) as error:
-            raise ConfigError(f"settings of another version ({error})", "those of this version's train_agent") from None
-
-
-def _architecture(values: dict[str, Any]) -> Architecture:
-    return Architecture(**values | {"hidden": tuple(values["hidden"])})
-
-
-MANY = 10**12
-SEEDS = (0, 2**63 - 1)
-WIDTHS = (1, 100_000)
-RANGES: dict[str, tuple[float, float]] = {
-    "target_spread": (0, MOST_SPREAD),
-    "seed": SEEDS,
-    "behaviour.phi": (0, 1),
-    "behaviour.threshold": (0, MANY),
-    "behaviour.passes": (2, 10_000),
-    "behaviour.noise": (0, 10),
-    "behaviour.guide_steps": (0, MANY),
-    "behaviour.guide_stages": (1, MANY),
-    "behaviour.guide_tolerance": (0, MANY),
-    "schedule.steps": (1, MANY),
-    "schedule.train_after": (1, MANY),
-    "schedule.train_every": (1, MANY),
-    "schedule.gradient_steps": (0, MANY),
-    "schedule.batch_size": (1, 1_000_000),
-    "schedule.expert_share": (0, 1),
-    "schedule.preload": (0, 1e8),
-    "schedule.capacity": (1, 1e9),
-    "schedule.evaluate_every": (1, MANY),
-    "schedule.evaluation_episodes": (1, 100_000),
-    "schedule.log_every": (1, MANY),
-    "schedule.checkpoint_every": (1, MANY),
-    "learner.gamma": (0, 1),
-    "learner.reward_scale": (0, MANY),
-    "learner.actor_rate": (0, 1),
-    "learner.critic_rate": (0, 1),
-    "learner.rate_decay": (0, MANY),
-    "learner.tau": (0, 1),
-    "learner.critics": (1, 2),
-    "learner.delay": (1, 1000),
-    "learner.target_noise": (0, 10),
-    "learner.target_clip": (0, 10),
-    "learner.cloning_weight": (0, 1e6),
-    "learner.actor.hidden": WIDTHS,
-    "learner.actor.dropout": (0, 0.95),
-    "learner.critic.hidden": WIDTHS,
-    "learner.critic.dropout": (0, 0),
-}
-"""Closed ranges; the update drops no units of a critic."""
+        config = from_object(TrainConfig, values, "config")
+        if ":" in config.env:
+            raise ContractError(f"config.env is '{config.env[:80]}'", "the name of a registered environment")
+        return config

@@ -92,14 +92,15 @@ class GatedController:
     """The Monte-Carlo mean of the actor with its uncertainty (Eq. 4.38, 4.39), and the expert beside it."""
 
     def __init__(self, agent: Policy, expert: Policy, settings: ActorSettings) -> None:
-        self.policy, self._expert, self._measure = agent, expert, settings.measure
-        generator = np.random.default_rng(settings.seed)
-        self._monte_carlo = MonteCarlo(agent.network, settings.passes, generator)
-        self._noise = Noise(settings.noise, generator)
+        self.policy, self._expert = agent, expert
+        self._generator = np.random.default_rng(settings.seed)
+        self._noise = Noise(settings.noise, self._generator)
+        self.adjust(settings)
 
     def adjust(self, settings: ActorSettings) -> None:
-        """Compare by another measure from now on."""
+        """Compare by another measure and of another number of passes from now on."""
         self._measure = settings.measure
+        self._monte_carlo = MonteCarlo(self.policy.network, settings.passes, self._generator)
 
     def propose(self, observation: Vector) -> Proposals:
         """For an observation, shape (o,)."""
@@ -139,22 +140,53 @@ class BiasedController:
 Controller = ExpertController | ActorController | BiasedController
 
 
-def load_controller(expert: str, agent: str, settings: ActorSettings) -> Controller:
-    """The controller of the weights given: the expert alone, or an agent, gated if its actor has dropout.
+class Policies(NamedTuple):
+    """What the weights given hold.
+
+    Attributes:
+        expert: the cloned one, None without.
+        agent: the learned one, None where the expert drives alone.
+    """
+
+    expert: Policy | None
+    agent: Policy | None
+
+    @property
+    def gated(self) -> bool:
+        """Whether the agent is asked for its uncertainty, and an expert stands by."""
+        return self.expert is not None and self.agent is not None and bool(self.agent.network.architecture.dropout)
+
+
+def load_policies(expert: str, agent: str) -> Policies:
+    """The weights given.
 
     Raises:
-        RledError: weights that can't be used, or not of one robot; Φ without an expert.
+        RledError: weights that can't be used, none at all, or not of one robot.
     """
     cloned = load_policy(Path(expert)) if expert else None
     if not agent and cloned is not None:
-        return ExpertController(cloned)
+        return Policies(cloned, None)
     learned = load_policy(Path(agent))
+    if cloned is not None:
+        learned.task.require_same_robot(cloned.task, "the expert")
+    return Policies(cloned, learned)
+
+
+def make_controller(policies: Policies, settings: ActorSettings) -> Controller:
+    """The controller of the weights given: the expert alone, or an agent, gated if its actor has dropout.
+
+    Raises:
+        RledError: Φ without an expert.
+    """
+    cloned, learned = policies
+    if learned is None:
+        assert cloned is not None
+        return ExpertController(cloned)
     if cloned is None:
         if settings.phi:
             raise RledError(f"phi is {settings.phi:g} without an expert", "0", "name one: --expert WEIGHTS")
         return ActorController(learned, settings)
-    learned.task.require_same_robot(cloned.task, "the expert")
-    if learned.network.architecture.dropout:
+    if policies.gated:
         return BiasedController(GatedController(learned, cloned, settings), cloned, settings)
     return BiasedController(ActorController(learned, settings), cloned, settings)
 

@@ -11,6 +11,7 @@ import tyro
 from rled_msgs_py.bags import Bag
 from rled_msgs_py.errors import command_line
 from rled_msgs_py.files import write_whole
+from rled_msgs_py.outputs import require_output
 from rled_msgs_py.processes import Children, program
 
 
@@ -40,6 +41,7 @@ class Options:
 def main() -> None:
     """Run the command."""
     options = tyro.cli(Options, prog="demo")
+    require_output(options.output, "summary.json")
     os.environ.update(ROS_DOMAIN_ID=str(options.domain), ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST")
     print(f"$ export ROS_DOMAIN_ID={options.domain} ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST")
     panda, planar = options.output / "panda", options.output / "planar"
@@ -117,7 +119,7 @@ def _report(panda: Path, planar: Path, output: Path) -> None:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    values: dict[str, Any] = json.loads(path.read_text())
+    values: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     return values
 
 

@@ -10,9 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from rled_msgs_py.bags import Bag
 from rled_msgs_py.bags.episodes import discarded
+from rled_msgs_py.bags.faults import STEADY
+from rled_msgs_py.bags.series import series
+from rled_msgs_py.bags.timeline import Timeline, timeline
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.task import TaskDescription
-from rled_msgs_py.topics import EE_POSE, JOINT_DELTA, JOINT_STATES, MARKED_EE_POSE, MARKED_JOINT_STATES, TARGET_POSE
+from rled_msgs_py.topics import MARKED_EE_POSE, MARKED_JOINT_STATES
 from rled_sim.kinematics import Chain
 
 from rled_agent.flaws import NO_FLAWS, Flaws
@@ -215,10 +218,10 @@ def demonstration_points(bag: Bag, count: int = 0) -> DemonstrationPoints:
 
     Raises:
         DemonstrationError: fewer than two points.
-        ContractError: marks of other joints than the task's.
+        ContractError: marks that lack a joint of the task.
     """
-    joints = bag.joints(MARKED_JOINT_STATES)
-    poses = bag.poses(MARKED_EE_POSE)
+    joints, poses = bag.joints(MARKED_JOINT_STATES), bag.poses(MARKED_EE_POSE)
+    joints = joints.ordered(bag.task.joint_names) if len(joints.stamps) else joints
     stamps, of_joints, of_poses = np.intersect1d(joints.stamps, poses.stamps, return_indices=True)
     kept = ~_lie_in(stamps, [(first, last + 1) for first, last in discarded(bag)])
     of_joints, of_poses = of_joints[kept], of_poses[kept]
@@ -227,7 +230,7 @@ def demonstration_points(bag: Bag, count: int = 0) -> DemonstrationPoints:
         of_joints, of_poses = of_joints[spaced], of_poses[spaced]
     if len(of_joints) < 2:
         raise DemonstrationError(f"the bag holds {len(of_joints)} marked points", "2 or more", "record with marks")
-    return DemonstrationPoints(poses.position[of_poses], joints.ordered(bag.task.joint_names).position[of_joints])
+    return DemonstrationPoints(poses.position[of_poses], joints.position[of_joints])
 
 
 def joined_points(bag: Bag, count: int = 0, flaws: Flaws = NO_FLAWS) -> JoinedPoints:
@@ -245,34 +248,34 @@ def recorded_trajectories(bag: Bag, chosen: Episodes | None = None) -> RecordedT
 
     Raises:
         DemonstrationError: no answered state in it, or stamps that begin anew.
-        ContractError: joints other than the task's.
+        ContractError: a joint of the task is in no message.
     """
-    task = bag.task
-    states, ee, targets = bag.joints(JOINT_STATES), bag.poses(EE_POSE), bag.poses(TARGET_POSE)
-    deltas, marks = bag.joints(JOINT_DELTA), bag.joints(MARKED_JOINT_STATES)
-    if np.any(np.diff(states.stamps) < 0):
+    task, line = bag.task, timeline(bag)
+    if line.is_anew.any():
         raise DemonstrationError("the simulation was restarted while the bag was recorded", "one run", "record again")
-    stamps = states.stamps
-    for other in (ee.stamps, targets.stamps, deltas.stamps):
-        stamps = np.intersect1d(stamps, other)
     left_out = [] if chosen is None else chosen.left_out
+    marks = series(bag, MARKED_JOINT_STATES).moments
     if chosen is not None and chosen.spans is not None:
         left_out = sorted(outside(chosen.spans) + left_out)
-    elif len(marks.stamps):
-        stamps = stamps[stamps > marks.stamps[-1]]
-    stamps = stamps[~_lie_in(stamps, left_out)]
-    if not len(stamps):
+    elif len(marks):
+        left_out = sorted([(-1, int(marks[-1]) + 1), *left_out])
+    rows = np.flatnonzero(line.answered & ~_lie_in(line.moments, left_out))
+    if not len(rows):
         raise DemonstrationError("the bag holds no recorded trajectory", "states answered by joint_delta")
-    of_states, of_ee, of_targets, of_deltas = (
-        np.searchsorted(table.stamps, stamps) for table in (states, ee, targets, deltas)
-    )
-    goal = targets.position[of_targets]
-    q, actions = (table.ordered(task.joint_names).position for table in (states, deltas))
-    observations = task.observe(q[of_states], ee.position[of_ee], goal)
-    is_new = np.any(np.diff(goal, axis=0, prepend=goal[:1]) != 0, axis=1)
-    gaps = np.searchsorted(np.array([first for first, _ in left_out], np.int64), stamps, side="right")
-    trajectory = np.cumsum(is_new | (np.diff(gaps, prepend=gaps[:1]) != 0))
-    return RecordedTrajectories(task, observations, actions[of_deltas], trajectory)
+    gaps = np.searchsorted(np.array([first for first, _ in left_out], np.int64), line.moments[rows], side="right")
+    places = np.stack([np.cumsum(_begins(line))[rows], gaps])
+    trajectory = np.cumsum((np.diff(places, prepend=places[:, :1]) != 0).any(axis=0))
+    observations = task.observe(line.q[rows], line.position[rows], line.target[rows])
+    return RecordedTrajectories(task, observations, line.action[rows], trajectory)
+
+
+def _begins(line: Timeline) -> NDArray[np.bool_]:
+    """Whether a trajectory begins with each tick: another target or episode, or ticks are missing before it."""
+    steps = np.diff(line.moments, prepend=line.moments[:1])
+    usual = np.median(steps[1:]) if len(steps) > 1 else 0.0
+    begins: NDArray[np.bool_] = np.any(np.diff(line.target, axis=0, prepend=line.target[:1]) != 0, axis=1)
+    begins |= (np.diff(line.episode, prepend=line.episode[:1]) != 0) | (steps > STEADY * usual)
+    return begins
 
 
 def open_demonstrations(

@@ -5,12 +5,13 @@ from typing import Any, Protocol, TypeAlias, runtime_checkable
 import gymnasium
 import numpy as np
 from numpy.typing import NDArray
+from rled_msgs_py.bags import Bag
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.task import TaskDescription
 
-import rled_sim  # noqa: F401  registers this project's environments
 from rled_agent.config import TrainConfig
 from rled_agent.nn.scaling import Floats
+from rled_sim import ENVIRONMENTS  # which registers them
 
 Environment: TypeAlias = gymnasium.Env[Any, Any]
 Box = gymnasium.spaces.Box
@@ -44,13 +45,39 @@ def make_environment(config: TrainConfig, start_joints: NDArray[np.float64] | No
         options["start_joints"] = start_joints
     try:
         env = gymnasium.make(config.env, **options)
-    except gymnasium.error.Error as error:
-        raise RledError(f"env '{config.env}': {error}", "an id that Gymnasium knows, as rled/PandaReach-v0") from None
+    except (gymnasium.error.Error, ImportError, ValueError) as error:
+        why = " ".join(str(error).split())[:200]
+        raise RledError(
+            f"env '{config.env[:80]}': {why}", "an id that Gymnasium knows, as rled/PandaReach-v0"
+        ) from None
     except TypeError as error:
         why = str(error).partition(" was raised from ")[0]  # what follows repeats the options, arrays and all
         raise RledError(f"env '{config.env}' takes no {', '.join(options)}", "reward own, no bag", why) from None
     check_spaces(env)
     return env
+
+
+def environment_of(robot: str) -> str:
+    """Name of a robot's environment.
+
+    Raises:
+        RledError: it has none.
+    """
+    if robot not in ENVIRONMENTS:
+        raise RledError(f"robot '{robot[:80]}' has no environment", f"one of {', '.join(ENVIRONMENTS)}")
+    return ENVIRONMENTS[robot]
+
+
+def require_robot_of(bag: Bag, env: str) -> None:
+    """Refuse demonstrations of another robot than an environment's.
+
+    Raises:
+        RledError: names the environment that fits the bag.
+    """
+    robot = next((each for each, name in ENVIRONMENTS.items() if name == env), None)
+    if robot is not None and bag.task.robot != robot:
+        what = f"bag {bag.path} is of robot {bag.task.robot}, env {env} of {robot}"
+        raise RledError(what, f"a bag of {robot}", f"or --env {environment_of(bag.task.robot)}")
 
 
 def check_spaces(env: Environment) -> None:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import torch
@@ -13,17 +14,20 @@ import tyro
 from rled_msgs_py.bags import Bag
 from rled_msgs_py.errors import RledError, command_line
 from rled_msgs_py.files import write_whole
+from rled_msgs_py.kinds import Range, check_kinds
+from rled_msgs_py.outputs import require_output
 from rled_msgs_py.task import TaskDescription
 from rled_sim.faults import Faults
 from rled_sim.kinematics import Chain
 from rled_sim.robots import robot_named
 from rled_sim.tasks import reach_task
 
-from rled_agent.config import MANY, SEEDS, TrainConfig, require_ranges
+from rled_agent.bounds import Count, Seed
+from rled_agent.config import TrainConfig
 from rled_agent.demonstrations import DemonstrationPoints, demonstration_points
-from rled_agent.environments import make_environment
+from rled_agent.environments import environment_of, make_environment
 from rled_agent.evaluation import Band, Course, Motion, Score, course, move, score, seen_band, unseen_band
-from rled_agent.plots import Floats, draw_tool_paths
+from rled_agent.plots import Floats, draw_tool_paths, drawn_plane
 from rled_agent.policy import Policy, load_policy
 from rled_agent.progress import Progress
 from rled_agent.rollout import mean_result, roll_out
@@ -50,15 +54,15 @@ class Options:
     """folder for the results"""
     bands: tuple[float, ...] = (0.02, 0.05, 0.1, 0.2)
     """bounds between the bands of unseen targets: distance from the nearest demonstrated point (m)"""
-    targets: int = 100
+    targets: Annotated[int, Range(1, 100_000)] = 100
     """targets in a band"""
-    steps: int = 200
+    steps: Count = 200
     """most steps to a target"""
-    episodes: int = 0
+    episodes: Annotated[int, Range(0, 100_000)] = 0
     """whole episodes of the task to drive besides, from the marked points, behind the faults"""
     faults: Faults = field(default_factory=Faults)
     """on purpose, in the episodes"""
-    seed: int = 0
+    seed: Seed = 0
     """of targets, starts and faults"""
 
 
@@ -66,7 +70,8 @@ class Options:
 def main() -> None:
     """Run the command."""
     options = tyro.cli(Options, prog="evaluate_agent")
-    require_ranges(options, {"targets": (1, 100_000), "steps": (1, MANY), "episodes": (0, 100_000), "seed": SEEDS})
+    check_kinds(options)
+    require_output(options.output, "evaluation.json", "motions.json", "episodes.json")
     torch.set_num_threads(1)
     if list(options.bands) != sorted(set(options.bands)) or len(options.bands) < 2:
         raise RledError(f"bands {options.bands}", "two or more growing distances in metres")
@@ -78,6 +83,8 @@ def main() -> None:
         policies["agent"] = load_policy(options.agent)
     for name, policy in policies.items():
         bag.task.require_same_robot(policy.task, name)
+        if policy.gate is not None:
+            print(f"{name}: learned behind the gate ({policy.gate}); here it acts alone")
     points = demonstration_points(bag)
     episodes = _drive(bag.task.robot, points, policies, options) if options.episodes else {}
     results, motions = _evaluate(bag, points, policies, options)
@@ -116,7 +123,7 @@ def _drive(
     robot: str, points: DemonstrationPoints, policies: Mapping[str, Policy], options: Options
 ) -> dict[str, dict[str, float]]:
     """Mean result of each policy in the same whole episodes."""
-    config = TrainConfig(env=f"rled/{robot.title()}Reach-v0", faults=options.faults)
+    config = TrainConfig(env=environment_of(robot), faults=options.faults)
     results: dict[str, dict[str, float]] = {}
     with (
         contextlib.closing(make_environment(config, points.joints)) as env,
@@ -137,7 +144,7 @@ def _bands(task: TaskDescription, points: DemonstrationPoints, chain: Chain, opt
 
 def _draw(path: Path, band: Band, known: Floats, motions: Mapping[str, list[Motion]], task: TaskDescription) -> None:
     paths = {name: [motion.positions for motion in each[:DRAWN]] for name, each in motions.items()}
-    plane = (0, 1) if len(task.axes) == 2 else (1, 2)
+    plane = drawn_plane(task)
     title = f"{task.robot}: targets {band.name}, {len(band.targets[:DRAWN])} of {len(band.targets)}"
     goals = band.targets[:DRAWN]
     draw_tool_paths(path, ("demonstrated points", known), goals, paths, plane, task.tolerance**0.5, title)

@@ -3,14 +3,15 @@
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 import torch
-from rled_msgs_py.errors import RledError
+from rled_msgs_py.errors import ContractError, RledError
+from rled_msgs_py.kinds import Range, check_kinds
 from torch import Tensor
 
-from rled_agent.config import MANY, WIDTHS, require_ranges
+from rled_agent.bounds import Count, Share
 from rled_agent.demonstrations import Demonstrations, StateActions
 from rled_agent.nn.adam import adam, step
 from rled_agent.nn.architecture import Architecture
@@ -36,26 +37,16 @@ class ExpertConfig:
     """
 
     architecture: Architecture = field(default_factory=lambda: Architecture(activation="leaky_relu"))
-    learning_rate: float = 1e-3
-    batch_size: int = 256
-    steps: int = 20_000
-    validation_share: float = 0.1
-    validate_every: int = 250
+    learning_rate: Share = 1e-3
+    batch_size: Annotated[int, Range(1, 1_000_000)] = 256
+    steps: Count = 20_000
+    validation_share: Share = 0.1
+    validate_every: Count = 250
 
     def __post_init__(self) -> None:
-        require_ranges(self, RANGES)
-
-
-RANGES: dict[str, tuple[float, float]] = {
-    "architecture.hidden": WIDTHS,
-    "architecture.dropout": (0, 0),
-    "learning_rate": (0, 1),
-    "batch_size": (1, 1_000_000),
-    "steps": (1, MANY),
-    "validation_share": (0, 1),
-    "validate_every": (1, MANY),
-}
-"""Closed ranges; cloning drops no units."""
+        check_kinds(self)
+        if self.architecture.dropout:
+            raise ContractError(f"architecture.dropout is {self.architecture.dropout}", "0", "cloning drops no units")
 
 
 class CurvePoint(NamedTuple):

@@ -1,26 +1,28 @@
 """Demonstrations made worse on purpose, to see what poor ones cost (section 3.5.2)."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
+from rled_msgs_py.kinds import Range, check_kinds
 
-from rled_agent.config import SEEDS, require_ranges
+from rled_agent.bounds import Seed, Share
 
 
 @dataclass(frozen=True)
 class Flaws:
     """How poor the demonstrations are made; not at all by default."""
 
-    tremor: float = 0.0
+    tremor: Annotated[float, Range(0, 10)] = 0.0
     """deviation of noise on each demonstrated displacement, as a share of the greatest displacement"""
-    wrong: float = 0.0
+    wrong: Share = 0.0
     """share of the motions that do not lead to the target that they were shown for"""
-    seed: int = 0
+    seed: Seed = 0
     """of which motions are wrong"""
 
     def __post_init__(self) -> None:
-        require_ranges(self, {"tremor": (0.0, 10.0), "wrong": (0.0, 1.0), "seed": SEEDS})
+        check_kinds(self)
 
     def shaken(self, action: NDArray[np.float64], most: float, generator: np.random.Generator) -> NDArray[np.float64]:
         """Displacements (rad) of a trembling hand, within Δq_max.

@@ -25,8 +25,8 @@ from rled_msgs_py.stopping import stop_requested
 from rled_agent.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
 from rled_agent.config import TrainConfig
 from rled_agent.learners.td3 import Learner
-from rled_agent.learning_state import pack, unpack
-from rled_agent.policy import load_policy
+from rled_agent.learning_state import origin_of, pack, require_origin, restoring, unpack
+from rled_agent.policy import load_policy, policy_file
 from rled_agent.replay import Batch, Replay
 from rled_agent.run_directory import RunDirectory
 from rled_agent.weight_slot import WeightSlot
@@ -69,8 +69,8 @@ class Student:
     """
 
     def __init__(self, options: Options) -> None:
-        policy, run = load_policy(options.policy), RunDirectory(options.policy.parent)
-        config = TrainConfig.from_dict(run.config()["config"]) if run.config_path.exists() else TrainConfig()
+        policy, run = load_policy(options.policy), RunDirectory(policy_file(options.policy).parent)
+        config = run.settings() if run.config_path.exists() else TrainConfig()
         sizes = policy.network.sizes[0], policy.network.sizes[-1]
         settings = replace(config.learner, actor=policy.network.architecture)
         self.options, self._batch_size = options, config.schedule.batch_size
@@ -83,9 +83,13 @@ class Student:
         before = next((path for path in (options.checkpoint, run.checkpoint_path) if path.exists()), None)
         if before is not None:
             checkpoint = read_checkpoint(before)
+            if before == options.checkpoint:
+                require_origin(checkpoint.state, before, options.policy)
             unpack(checkpoint, self.learner, self.replay)
             if PERSON_ROWS in checkpoint.tensors:
-                self.by_person.extend(checkpoint.tensors[PERSON_ROWS].numpy())
+                with restoring(str(before)):
+                    self.by_person.extend(checkpoint.tensors[PERSON_ROWS].numpy())
+        self._origin = origin_of(options.policy)
         self._waiting = 0 if before is not None else options.train_after
         self._received = self._made = 0
 
@@ -114,7 +118,7 @@ class Student:
         """Write all state."""
         tensors, state = pack(self.learner, self.replay)
         rows = torch.from_numpy(self.by_person.rows[: len(self.by_person)])
-        write_checkpoint(self.options.checkpoint, Checkpoint(tensors | {PERSON_ROWS: rows}, state))
+        write_checkpoint(self.options.checkpoint, Checkpoint(tensors | {PERSON_ROWS: rows}, state | self._origin))
 
 
 def learn(student: Student, slot: WeightSlot, stop: Event, save: Event) -> None:

@@ -7,14 +7,16 @@ from threading import Event
 from typing import NamedTuple
 
 import rclpy
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
+from rled_msgs_py.awaiting import brought_by, say_what_is_awaited
 from rled_msgs_py.bags import BagWriter
 from rled_msgs_py.bags.header import stamp_of
+from rled_msgs_py.callbacks import every, listen
 from rled_msgs_py.convert import MESSAGE_CLASSES, qos_profile
 from rled_msgs_py.errors import RledError
-from rled_msgs_py.node import spin
+from rled_msgs_py.messages import require_size
+from rled_msgs_py.middleware import return_messages
+from rled_msgs_py.node import spin, start_ros
 from rled_msgs_py.stopping import stop_requested
 from rled_msgs_py.tick import STATE_TOPICS
 from rled_msgs_py.topics import JOINT_STATES, RECORDED, Qos, Topic
@@ -46,7 +48,7 @@ class LiveDemonstrations(Node):
         for rank, topic in enumerate(RECORDED):
             qos = qos_profile(Qos(HISTORY, topic.qos.reliability, topic.qos.durability))
             received = partial(self._on_message, rank, topic)
-            self.create_subscription(MESSAGE_CLASSES[topic.type], topic.name, received, qos, raw=True)
+            listen(self, MESSAGE_CLASSES[topic.type], topic.name, qos, received)
 
     def end_when_over(self, stop: Event) -> None:
         """Ask for the end when whoever demonstrated has gone."""
@@ -56,7 +58,9 @@ class LiveDemonstrations(Node):
             if self._heard and silent and not self.count_publishers(JOINT_STATES.name):
                 stop.set()
 
-        self.create_timer(LOOK, look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        every(self, LOOK, look)
+        publisher = "record_demos with an operator, or replay_demos,"
+        say_what_is_awaited(self, lambda: "" if self._heard else brought_by(self, publisher, "a demonstration"))
 
     def write(self, path: Path) -> int:
         """Write what was heard as a bag; returns how many messages.
@@ -75,6 +79,7 @@ class LiveDemonstrations(Node):
         return len(self._heard)
 
     def _on_message(self, rank: int, topic: Topic, data: bytes) -> None:
+        require_size(topic, data)
         stamp = stamp_of(topic.type, data)
         self._newest = self._newest if stamp is None else stamp
         self._last = time.monotonic()
@@ -93,7 +98,8 @@ def receive_demonstrations(path: Path) -> int:
     Raises:
         RledError: nothing was heard, or it cannot be written.
     """
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    return_messages()
+    start_ros()
     try:
         with stop_requested() as stop:
             node = LiveDemonstrations()

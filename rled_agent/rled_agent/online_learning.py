@@ -7,9 +7,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from rled_msgs_py.errors import RledError
+from rled_msgs_py.outputs import require_output
 from rled_msgs_py.records import Actor, TaskStatus
 
 from rled_agent.apprentice import Apprentice
+from rled_agent.checkpoint import read_state
+from rled_agent.learning_state import require_origin
 from rled_agent.policy import Policy
 
 Vector = NDArray[np.float64]
@@ -54,12 +57,16 @@ class OnlineLearning:
         """Start the learning process, which goes on from its saved state.
 
         Raises:
-            RledError: there is nothing that could learn, or the process before has not saved its state yet.
+            RledError: there is nothing that could learn, the process before has not saved its state yet, or what is
+                saved is another policy's.
         """
         if self._closing is not None and self._closing.is_alive():
             raise RledError("the learning process is saving its state", remedy="call again in some seconds")
         if not self._agent:
             raise RledError("the expert does not learn", remedy="start with --agent POLICY")
+        require_output(self._state.parent, self._state.name, remedy="name another --learning-state")
+        if self._state.exists():
+            require_origin(read_state(self._state), self._state, Path(self._agent))
         self.apprentice = Apprentice(self._policy.network, Path(self._agent), self._state, self._priority)
 
     def switch(self, on: bool) -> None:

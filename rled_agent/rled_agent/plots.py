@@ -9,11 +9,20 @@ from matplotlib.collections import PatchCollection
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 from rled_msgs_py.pictures import picture
+from rled_msgs_py.task import TaskDescription
 
 from rled_agent.expert import CurvePoint
 
 Floats = NDArray[np.float64]
 PLANES = {(0, 1): ("x", "y"), (1, 2): ("y", "z"), (0, 2): ("x", "z")}
+
+
+def drawn_plane(task: TaskDescription) -> tuple[int, int]:
+    """The two position axes that a task's motions are drawn in: its own, or the Panda's front of one in space."""
+    if len(task.axes) != 2:
+        return 1, 2
+    left, right = sorted(task.axes)
+    return left, right
 
 
 def draw_learning_curve(path: Path, curve: Sequence[CurvePoint]) -> None:

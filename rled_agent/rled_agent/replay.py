@@ -1,12 +1,17 @@
 """The replay buffer: one row of one array per transition, so that a batch is one gather."""
 
+import os
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from rled_msgs_py.errors import RledError
 from torch import Tensor
+
+MOST_BYTES = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2
+"""Of a replay: half of the machine's memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,12 +74,19 @@ class Replay:
         observation_size: o.
         action_size: n.
         capacity: transitions kept; then the oldest are overwritten.
+
+    Raises:
+        RledError: half of this machine's memory would not hold them.
     """
 
     def __init__(self, observation_size: int, action_size: int, capacity: int) -> None:
         self.observation_size, self.action_size, self.capacity = observation_size, action_size, capacity
         self.added = 0
-        self.rows = np.zeros((capacity, 2 * observation_size + action_size + 2), dtype=np.float32)
+        width = 2 * observation_size + action_size + 2
+        if capacity * width * 4 > MOST_BYTES:
+            what = f"a replay of {capacity:,} transitions takes {capacity * width * 4 / 2**30:,.1f} GiB"
+            raise RledError(what, f"{MOST_BYTES / 2**30:,.1f} GiB at most", "lower schedule.capacity")
+        self.rows = np.zeros((capacity, width), dtype=np.float32)
         self._tensor = torch.from_numpy(self.rows)
         self._drawn: dict[int, tuple[Tensor, Batch]] = {}
 

@@ -1,13 +1,17 @@
 """Begin an episode of a running simulation, from another node."""
 
 from collections.abc import Callable
-from typing import Any
 
 from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rled_msgs_py.client import Client
+from rled_msgs_py.episode_begin import read_begin
 from rled_msgs_py.errors import RledError
 from std_srvs.srv import Trigger
+
+PATIENCE = 30.0
+"""Seconds that an answer is waited for when ``wait`` does not give up before."""
 
 
 class Restart:
@@ -22,8 +26,8 @@ class Restart:
 
     def __init__(self, node: Node, wait: Callable[[Callable[[], bool], str], None], simulation: str = "sim") -> None:
         self._wait = wait
-        self._reset = node.create_client(Trigger, f"{simulation}/reset")
-        self._parameters = node.create_client(SetParameters, f"{simulation}/set_parameters")
+        self._reset = Client(node, Trigger, f"{simulation}/reset", PATIENCE)
+        self._parameters = Client(node, SetParameters, f"{simulation}/set_parameters", PATIENCE)
 
     def begin(self, seed: int | None = None) -> int:
         """Begin the next episode now; with a seed, the simulation's random draws begin anew.
@@ -36,16 +40,12 @@ class Restart:
         """
         if seed is not None:
             wanted = Parameter("seed", value=seed).to_parameter_msg()
-            for result in self._call(self._parameters, SetParameters.Request(parameters=[wanted])).results:
-                if not result.successful:
-                    raise RledError(f"the simulation refused seed {seed}: {result.reason}")
-        answer = self._call(self._reset, Trigger.Request())
+            results = self._parameters.call(SetParameters.Request(parameters=[wanted]), self._wait).results
+            if len(results) != 1:
+                raise RledError(f"{len(results)} answers of {self._parameters.name} to one parameter", "one")
+            if not results[0].successful:
+                raise RledError(f"the simulation refused seed {seed}: {results[0].reason}")
+        answer = self._reset.call(Trigger.Request(), self._wait)
         if not answer.success:
             raise RledError(f"the simulation refused a reset: {answer.message}")
-        return int(answer.message.split()[-2])
-
-    def _call(self, client: Any, request: Any) -> Any:
-        self._wait(client.service_is_ready, f"service {client.srv_name}")
-        future = client.call_async(request)
-        self._wait(future.done, f"an answer of {client.srv_name}")
-        return future.result()
+        return read_begin(answer.message)

@@ -10,10 +10,19 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from rled_msgs_py.errors import RledError
+from rled_msgs_py.errors import ContractError, RledError
 from rled_msgs_py.files import write_whole
+from rled_msgs_py.foreign import read_json, read_text
+from rled_msgs_py.outputs import require_output
 
 from rled_agent.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
+from rled_agent.config import TrainConfig
+from rled_agent.learning_state import restoring, whole_number
+from rled_agent.metrics import read_rows
+
+FILES = (
+    "config.json", "expert.json", "metrics.csv", "checkpoint.safetensors", "policy.safetensors", "best.safetensors"
+)  # fmt: skip
 
 
 class RunDirectory:
@@ -33,14 +42,35 @@ class RunDirectory:
         self.best_path = path / "best.safetensors"
         self._rows: list[dict[str, float]] = []
 
+    def require_new(self) -> None:
+        """Refuse a folder where no run can begin, before the work.
+
+        Raises:
+            RledError: the directory holds a run already, or can't be written into.
+        """
+        require_output(self.path, *FILES)
+        if self.config_path.exists():
+            raise RledError(f"{self.path} holds a run already", "a new --output", "or continue it with --resume")
+
+    def require_resumable(self) -> None:
+        """Refuse a folder where no run can go on, before the work.
+
+        Raises:
+            RledError: no run here, one without a checkpoint, or a folder that can't be written into.
+        """
+        self.config()
+        if not self.checkpoint_path.is_file():
+            what = f"the run in {self.path} has no checkpoint yet"
+            raise RledError(what, "a run that has saved one", "remove the folder and leave out --resume")
+        require_output(self.path, *FILES)
+
     def create(self, config: dict[str, Any]) -> None:
         """Begin a new run.
 
         Raises:
-            RledError: the directory holds a run already.
+            RledError: as ``require_new``.
         """
-        if self.config_path.exists():
-            raise RledError(f"{self.path} holds a run already", "a new --output", "or continue it with --resume")
+        self.require_new()
         record = config | {"git": _git_revision(), "python": platform.python_version(), "torch": torch.__version__}
         write_whole(self.config_path, json.dumps(record, indent=2) + "\n")
 
@@ -52,28 +82,45 @@ class RunDirectory:
         """The settings that ``create`` wrote.
 
         Raises:
-            RledError: no run here.
+            RledError: no run here, or a file that no run wrote.
         """
         try:
-            values: dict[str, Any] = json.loads(self.config_path.read_text())
-        except (OSError, ValueError) as error:
+            values = read_json(read_text(self.config_path, "config.json"), "config.json")
+        except (OSError, RledError) as error:
             raise RledError(f"{self.path} holds no run ({error})", "a folder that train_agent wrote") from None
+        if not isinstance(values, dict):
+            raise RledError(f"{self.config_path} holds no settings", "a folder that train_agent wrote")
         return values
+
+    def settings(self) -> TrainConfig:
+        """The settings of a run, wherever it comes from.
+
+        Raises:
+            RledError: no run here, or settings of another version, or out of their range.
+        """
+        try:
+            return TrainConfig.from_dict(self.config().get("config"))
+        except ContractError as error:
+            raise RledError(f"{self.config_path}: {error.what}", error.accepted, error.remedy) from None
 
     def save(self, checkpoint: Checkpoint) -> None:
         """Replace the checkpoint."""
         write_checkpoint(self.checkpoint_path, checkpoint)
 
     def load(self) -> Checkpoint:
-        """Read the checkpoint, and drop the metrics that came after it and what a killed process had half written."""
+        """Read the checkpoint, and drop the metrics that came after it and what a killed process had half written.
+
+        Raises:
+            RledError: the checkpoint or the metrics are damaged.
+        """
         checkpoint = read_checkpoint(self.checkpoint_path)
         for path in (self.checkpoint_path, self.policy_path, self.best_path, self.metrics_path):
             for leftover in self.path.glob(f".{path.stem}-*{path.suffix}"):
                 leftover.unlink()
         if self.metrics_path.exists():
-            with self.metrics_path.open(newline="") as file:
-                rows = [{name: float(value) for name, value in row.items()} for row in csv.DictReader(file)]
-            self._rows = [row for row in rows if row["step"] <= checkpoint.state["step"]]
+            with restoring(str(self.checkpoint_path)):
+                step = whole_number(checkpoint.state, "step")
+            self._rows = [row for row in read_rows(self.metrics_path, "step") if row["step"] <= step]
             self._write_metrics()
         return checkpoint
 
@@ -84,8 +131,7 @@ class RunDirectory:
 
     def ends_in_the_best(self) -> bool:
         """Whether the last row has an evaluation, of a greater return than any before or as great in fewer steps."""
-        scores = [(row["evaluation_reward"], -row["evaluation_steps"]) for row in self._rows]
-        *before, last = scores
+        *before, last = map(_score, self._rows)
         return math.isfinite(last[0]) and all(last > each for each in before if math.isfinite(each[0]))
 
     def _write_metrics(self) -> None:
@@ -97,8 +143,14 @@ class RunDirectory:
         write_whole(self.metrics_path, text.getvalue())
 
 
+def _score(row: dict[str, float]) -> tuple[float, float]:
+    return row.get("evaluation_reward", math.nan), -row.get("evaluation_steps", math.nan)
+
+
 def _git_revision() -> str:
-    asked = subprocess.run(
-        ["git", "describe", "--always", "--dirty"], cwd=Path(__file__).parent, capture_output=True, text=True
-    )
+    command = ["git", "describe", "--always", "--dirty"]
+    try:
+        asked = subprocess.run(command, cwd=Path(__file__).parent, capture_output=True, text=True)
+    except OSError:  # there is no git
+        return "unknown"
     return asked.stdout.strip() or "unknown"

@@ -1,4 +1,4 @@
-"""Which parts of a recording are learned from: faulty, discarded and poor episodes are left out, and it is said."""
+"""Which parts of a recording are learned from: what is faulty, discarded or poor is left out, and it is said."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -7,11 +7,14 @@ from rled_msgs_py.bags import Bag, Review, review
 from rled_msgs_py.bags.episodes import FOREVER, Episode
 from rled_msgs_py.bags.faults import ASIDE, Fault
 from rled_msgs_py.bags.quality import qualities
-from rled_msgs_py.errors import RledError
+from rled_msgs_py.errors import RledError, command
 from rled_msgs_py.topics import EPISODE_EVENTS, MARKED_EE_POSE, MARKED_JOINT_STATES
 
 POINTS = {MARKED_JOINT_STATES.name, MARKED_EE_POSE.name}
 """Topics that the points of ζᵃ are read from; the trajectories are read from the others too."""
+
+MOST_TOLD = 5
+"""Faults of which each is told."""
 
 Say = Callable[[str], None]
 
@@ -40,6 +43,7 @@ def select_points(bag: Bag, say: Say) -> None:
     """
     found = review(bag)
     _require_sound(bag, found, [fault for fault in found.faults if set(fault.topics) & POINTS])
+    _say_faults(bag, found, [fault for fault in found.faults if set(fault.topics) & POINTS], say)
     dropped = [episode.number for episode in found.episodes if not episode.kept]
     if dropped:
         say(f"left out: marks of discarded {_names(dropped)}")
@@ -58,7 +62,8 @@ def select_episodes(bag: Bag, min_quality: float, say: Say) -> Episodes:
     """
     found = review(bag)
     _require_sound(bag, found, found.faults)
-    reasons = _reasons(found)
+    reasons = {each.number: "discarded by the operator" for each in found.episodes if not each.kept}
+    _say_faults(bag, found, [each for each in found.faults if _matters(each, bag, found, set(reasons))], say)
     poor = _poor_ways(bag, found, [each for each in found.episodes if each.number not in reasons], min_quality)
     for number, ways in poor.items():
         of = len(next(each for each in found.episodes if each.number == number).legs)
@@ -69,20 +74,35 @@ def select_episodes(bag: Bag, min_quality: float, say: Say) -> Episodes:
     for reason in dict.fromkeys(reasons.values()):
         say(f"left out: {_names([number for number, why in reasons.items() if why == reason])}: {reason}")
     if found.episodes and len(reasons) == len(found.episodes):
-        raise SelectionError(f"no episode of {bag.path} is left", "one or more", f"see: demos info {bag.path}")
+        raise SelectionError(
+            f"no episode of {bag.path} is left", "one or more", f"see: {command('demos', 'info', bag.path)}"
+        )
     chosen = [_motion(each, found) for each in found.episodes if each.number not in reasons and each.legs]
     left_out = [(each.first, each.last) for each in found.episodes if each.number in reasons]
     left_out += [way for ways in poor.values() for way in ways]
     return Episodes(chosen if bag.counts[EPISODE_EVENTS.name] else None, sorted(left_out))
 
 
-def _reasons(found: Review) -> dict[int, str]:
-    """Why episodes are left out, by number: discarded, or faulty."""
-    reasons = {each.number: "discarded by the operator" for each in found.episodes if not each.kept}
-    for fault in found.faults:
-        for number in found.episodes_of(fault):
-            reasons.setdefault(number, f"{fault.kind} at {found.seconds(fault.first):.2f} s: {fault.what}")
-    return reasons
+def _say_faults(bag: Bag, found: Review, faults: list[Fault], say: Say) -> None:
+    """Say in one line which moments are missing; what is around them is learned from."""
+    if not faults:
+        return
+    told = [f"{_when(found, fault)} ({', '.join(fault.topics)}: {fault.what})" for fault in faults[:MOST_TOLD]]
+    more = f" and {len(faults) - MOST_TOLD} more" if len(faults) > MOST_TOLD else ""
+    say(f"left out: {', '.join(told)}{more}; see: {command('demos', 'check', bag.path)}")
+
+
+def _matters(fault: Fault, bag: Bag, found: Review, left_out: set[int]) -> bool:
+    """Whether there would be something to learn from at a fault."""
+    if bag.counts[EPISODE_EVENTS.name]:
+        return bool(set(found.episodes_of(fault)) - left_out)
+    marks = found.series[MARKED_JOINT_STATES.name].moments
+    return not len(marks) or fault.last > int(marks[-1])
+
+
+def _when(found: Review, fault: Fault) -> str:
+    begin, end = found.seconds(fault.first), found.seconds(fault.last)
+    return f"{begin:.2f} s" if fault.first == fault.last else f"{begin:.2f} s to {end:.2f} s"
 
 
 def _poor_ways(bag: Bag, found: Review, sound: list[Episode], least: float) -> dict[int, list[tuple[int, int]]]:
@@ -112,7 +132,8 @@ def _require_sound(bag: Bag, found: Review, faults: list[Fault]) -> None:
         if fault.kind not in ASIDE:
             where = f"{', '.join(fault.topics)} at {found.seconds(fault.first):.2f} s"
             what = f"{bag.path} is faulty: {fault.kind}: {where}: {fault.what}"
-            raise SelectionError(what, "a bag without such faults", f"see what to do with: demos check {bag.path}")
+            remedy = f"see what to do with: {command('demos', 'check', bag.path)}"
+            raise SelectionError(what, "a bag without such faults", remedy)
 
 
 def _names(numbers: list[int]) -> str:

@@ -1,6 +1,7 @@
 """Command: reinforcement learning from a bag of demonstrations, in process or over the graph."""
 
 import contextlib
+import json
 import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
@@ -14,19 +15,23 @@ import tyro
 from numpy.typing import NDArray
 from rled_msgs_py.bags import Bag
 from rled_msgs_py.errors import RledError, command_line
+from rled_msgs_py.kinds import Range, check_kinds
 from rled_msgs_py.stopping import stop_requested
 from rled_msgs_py.task import TaskDescription
 from torch.utils.tensorboard import SummaryWriter
 
-from rled_agent.config import MANY, TrainConfig, require_ranges
+from rled_agent.bounds import MANY
+from rled_agent.config import TrainConfig
 from rled_agent.demonstrations import demonstration_points
-from rled_agent.environments import Environment, make_environment, task_of
+from rled_agent.digests import bag_digest, file_digest
+from rled_agent.environments import Environment, make_environment, require_robot_of, task_of
 from rled_agent.expertise import Expertise, no_expertise, read_expertise
 from rled_agent.flaws import Flaws
 from rled_agent.interval import Interval
 from rled_agent.policy import Policy
 from rled_agent.presets import PRESETS
 from rled_agent.progress import Progress
+from rled_agent.resuming import require_same_run
 from rled_agent.rollout import EpisodeResult
 from rled_agent.run_directory import RunDirectory
 from rled_agent.trainer import DivergenceError, Trainer
@@ -42,14 +47,15 @@ class Options:
     """demonstrations: rosbag2 folder or .mcap file; its marked points are where episodes start"""
     expert: Path | None = None
     """weights that train_expert wrote"""
-    points: int = 0
+    points: Annotated[int, Range(0, MANY)] = 0
     """take only so many of the marked points, evenly spaced in the order of the marks; 0 takes all"""
     flaws: Flaws = field(default_factory=Flaws)
     """make the demonstrations worse on purpose; give the expert that was cloned from as poor ones"""
     over: Literal["process", "graph"] = "process"
     """process: the environment in this process; graph: a running sim_node, in lockstep, over ROS 2 topics"""
     resume: bool = False
-    """continue the run in the output folder, bit for bit; steps may grow, nothing else may change"""
+    """continue the run in the output folder, bit for bit; steps may grow, and files may lie elsewhere, but what is in
+    them and all other settings stay"""
     config: Annotated[TrainConfig, tyro.conf.arg(name="")] = field(default_factory=TrainConfig)
     """settings of the run"""
 
@@ -77,52 +83,56 @@ def main() -> None:
     options = tyro.extras.overridable_config_cli(presets, prog="train_agent")
     torch.set_num_threads(1)
     torch.set_flush_denormal(True)
-    require_ranges(options, {"points": (0, MANY)})
+    check_kinds(options)
     directory = RunDirectory(options.output)
-    with _environments(options) as (env, evaluation_env, expertise):
+    if options.resume:
+        directory.require_resumable()
+    else:
+        directory.require_new()
+    bag = Bag(options.bag) if options.bag else None
+    with _environments(options, bag) as (env, evaluation_env, expertise):
         trainer = Trainer(env, evaluation_env, options.config, expertise)
-        _open_run(directory, options, trainer)
+        _open_run(directory, options, trainer, bag)
         with stop_requested() as stop, SummaryWriter(str(options.output), purge_step=trainer.step) as board:
             _train(trainer, directory, board, stop)
     print(f"{trainer.step:,} of {options.config.schedule.steps:,} steps; the run is in {options.output}")
 
 
-def _record(options: Options) -> dict[str, Any]:
-    files = {"bag": str(options.bag), "expert": str(options.expert)}
-    demonstrations = files | {"points": options.points, "flaws": asdict(options.flaws), "over": options.over}
-    return {"config": options.config.to_dict(), "demonstrations": demonstrations}
+def _record(options: Options, bag: Bag | None, env: Environment) -> dict[str, Any]:
+    """What decides the run; of files, what they hold."""
+    simulated = task_of(env) if options.over == "graph" else None
+    demonstrations = {
+        "bag": str(options.bag),
+        "bag_sha256": bag_digest(bag) if bag is not None else None,
+        "expert": str(options.expert),
+        "expert_sha256": file_digest(options.expert) if options.expert is not None else None,
+        "points": options.points,
+        "flaws": asdict(options.flaws),
+        "over": options.over,
+        "simulation": asdict(simulated) if simulated is not None else None,
+    }
+    plain: dict[str, Any] = json.loads(
+        json.dumps({"config": options.config.to_dict(), "demonstrations": demonstrations})
+    )
+    return plain
 
 
-def _open_run(directory: RunDirectory, options: Options, trainer: Trainer) -> None:
+def _open_run(directory: RunDirectory, options: Options, trainer: Trainer, bag: Bag | None) -> None:
+    record = _record(options, bag, trainer.env)
     if not options.resume:
-        directory.create(_record(options))
+        directory.create(record)
         if trainer.expertise.source is not None:
             directory.write_expert(trainer.evaluate_source(trainer.expertise.source))
         return
-    began, record = directory.config(), _record(options)
-    before, now = _flat({part: began.get(part, {}) for part in record}), _flat(record)
-    if unshared := sorted(before.keys() ^ now.keys()):
-        what = f"the run in {options.output} was begun by a version with other settings ({', '.join(unshared)})"
-        raise RledError(what, "", "remove it or begin another one")
-    changed = [name for name, value in now.items() if before[name] != value and name != "config.schedule.steps"]
-    if changed:
-        was = ", ".join(f"{name} {before[name]}" for name in changed)
-        raise RledError(f"{', '.join(changed)} changed since the run began", was, "or begin a new run")
+    require_same_run(directory.config(), record, options.output)
     trainer.restore(directory.load())
     print(f"continuing at step {trainer.step:,}")
 
 
-def _flat(values: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-    flat: dict[str, Any] = {}
-    for name, value in values.items():
-        inner = _flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {f"{prefix}{name}": value}
-        flat |= inner
-    return {name: list(value) if isinstance(value, tuple) else value for name, value in flat.items()}
-
-
 @contextlib.contextmanager
-def _environments(options: Options) -> Iterator[tuple[Environment, Environment, Expertise]]:
-    bag = Bag(options.bag) if options.bag else None
+def _environments(options: Options, bag: Bag | None) -> Iterator[tuple[Environment, Environment, Expertise]]:
+    if bag is not None:
+        require_robot_of(bag, options.config.env)
     starts: NDArray[np.float64] | None = demonstration_points(bag, options.points).joints if bag else None
     evaluation_env = make_environment(options.config, starts)
     if bag is not None and options.expert is not None:
@@ -215,7 +225,7 @@ def _save(trainer: Trainer, directory: RunDirectory) -> None:
 def _save_policy(trainer: Trainer, path: Path) -> None:
     task = task_of(trainer.evaluation_env)
     if task is not None:
-        Policy(trainer.learner.actor, trainer.expertise.scaling, task).save(path)
+        Policy(trainer.learner.actor, trainer.expertise.scaling, task, trainer.config.behaviour.gate).save(path)
 
 
 if __name__ == "__main__":

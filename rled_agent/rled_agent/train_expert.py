@@ -10,15 +10,21 @@ from typing import Annotated, Literal
 import numpy as np
 import torch
 import tyro
+from rled_msgs_py.bags import Bag
 from rled_msgs_py.errors import RledError, command_line
 from rled_msgs_py.files import write_whole
+from rled_msgs_py.kinds import Range, check_kinds
+from rled_msgs_py.outputs import require_output
 
-from rled_agent.config import MANY, SEEDS, require_ranges
+from rled_agent.bounds import MANY, Seed, Share
 from rled_agent.demonstrations import open_demonstrations
+from rled_agent.digests import bag_digest
 from rled_agent.expert import CurvePoint, ExpertConfig, clone_expert
 from rled_agent.flaws import Flaws
 from rled_agent.plots import draw_learning_curve
 from rled_agent.progress import Progress
+
+FILES = ("expert.safetensors", "curve.csv", "learning_curve.png", "summary.json")
 
 
 @dataclass(frozen=True)
@@ -36,13 +42,13 @@ class Options:
     """folder for the results"""
     source: Literal["points", "trajectories"] = "points"
     """points: every pair of marked points, joined in closed form; trajectories: the motions as recorded"""
-    points: int = 0
+    points: Annotated[int, Range(0, MANY)] = 0
     """points only: take so many of them, evenly spaced in the order of the marks; 0 takes all"""
     flaws: Flaws = field(default_factory=Flaws)
     """points only: make the demonstrations worse on purpose"""
-    min_quality: float = 0.0
+    min_quality: Share = 0.0
     """trajectories only: leave out episodes with a lower score, 0 to 1, as demos info shows it"""
-    seed: int = 0
+    seed: Seed = 0
     """of weights, split and batches: the same seed gives the same weights"""
     expert: Annotated[ExpertConfig, tyro.conf.arg(name="")] = field(default_factory=ExpertConfig)
     """network and training"""
@@ -52,7 +58,8 @@ class Options:
 def main() -> None:
     """Run the command."""
     options = tyro.cli(Options, prog="train_expert")
-    require_ranges(options, {"seed": SEEDS, "min_quality": (0.0, 1.0), "points": (0, MANY)})
+    check_kinds(options)
+    require_output(options.output, *FILES)
     torch.set_num_threads(1)
     bag = _bag(options)
     demonstrations = open_demonstrations(bag, options.source, options.min_quality, print, options.points, options.flaws)
@@ -68,6 +75,7 @@ def main() -> None:
     _write_curve(options.output, curve)
     summary = {
         "bag": str(bag),
+        "bag_sha256": bag_digest(Bag(bag)),
         "source": options.source,
         "points": options.points,
         "flaws": asdict(options.flaws),

@@ -4,7 +4,7 @@ import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import gymnasium
 import numpy as np
@@ -13,10 +13,13 @@ import tyro
 from numpy.typing import NDArray
 from rled_msgs_py.bags import Bag
 from rled_msgs_py.errors import RledError, command_line
+from rled_msgs_py.kinds import Range, check_kinds
 
-from rled_agent.config import MANY, SEEDS, TrainConfig, require_ranges
+from rled_agent.bounds import Amount, Count, Seed, Share
+from rled_agent.config import TrainConfig
 from rled_agent.demonstrations import demonstration_points
-from rled_agent.environments import Environment, make_environment, task_of
+from rled_agent.digests import bag_digest
+from rled_agent.environments import Environment, make_environment, require_robot_of, task_of
 from rled_agent.nn.scaling import Scaling, scaling_of_points
 from rled_agent.progress import Progress
 from rled_agent.rollout import mean_result, roll_out
@@ -38,23 +41,23 @@ class Options:
     """Gymnasium environment"""
     reward: Literal["dense", "sparse"] = "sparse"
     """reward function of section 4.1.3"""
-    steps: int = 200_000
+    steps: Count = 200_000
     """environment steps, each with a gradient step"""
-    train_after: int = 1_000
+    train_after: Count = 1_000
     """steps before the first gradient step"""
-    batch_size: int = 100
+    batch_size: Annotated[int, Range(1, 1_000_000)] = 100
     """transitions in a gradient step"""
-    gamma: float = 0.99
+    gamma: Share = 0.99
     """discount factor γ"""
-    reward_scale: float = 1.0
+    reward_scale: Amount = 1.0
     """what rewards are multiplied by before the learner sees them"""
-    noise: float = 0.1
+    noise: Annotated[float, Range(0, 10)] = 0.1
     """td3: deviation of the exploration noise, in halves of the action range"""
-    evaluate_every: int = 5_000
+    evaluate_every: Count = 5_000
     """steps between evaluations"""
-    evaluation_episodes: int = 20
+    evaluation_episodes: Annotated[int, Range(1, 100_000)] = 20
     """episodes in an evaluation"""
-    seed: int = 0
+    seed: Seed = 0
     """of everything that is drawn"""
 
 
@@ -85,33 +88,24 @@ class Scaled(gymnasium.Wrapper[Any, Any, Any, Any]):
 def main() -> None:
     """Run the command."""
     options = tyro.cli(Options, prog="train_peer")
-    require_ranges(options, RANGES)
+    check_kinds(options)
+    directory = RunDirectory(options.output)
+    directory.require_new()
     torch.set_num_threads(1)
     config = TrainConfig(env=options.env, reward=options.reward, seed=options.seed)
-    points = demonstration_points(Bag(options.bag))
+    bag = Bag(options.bag)
+    require_robot_of(bag, options.env)
+    points = demonstration_points(bag)
     env, evaluation_env = (make_environment(config, points.joints) for _ in range(2))
     task = task_of(env)
     if task is None:
         raise RledError(f"env '{options.env}' has no robot that a bag could be of", "an environment of rled")
     scaling = scaling_of_points(task, points.positions, points.joints)
     model = _make(options, Scaled(env, scaling, options.reward_scale))
-    directory = RunDirectory(options.output)
-    directory.create({"config": json.loads(json.dumps(asdict(options), default=str))})
+    record = asdict(options) | {"bag_sha256": bag_digest(bag)}
+    directory.create({"config": json.loads(json.dumps(record, default=str))})
     with Progress("step", options.steps) as progress:
         model.learn(options.steps, callback=_evaluation(options, Scaled(evaluation_env, scaling), directory, progress))
-
-
-RANGES: dict[str, tuple[float, float]] = {
-    "steps": (1, MANY),
-    "train_after": (1, MANY),
-    "batch_size": (1, 1_000_000),
-    "gamma": (0, 1),
-    "reward_scale": (0, MANY),
-    "noise": (0, 10),
-    "evaluate_every": (1, MANY),
-    "evaluation_episodes": (1, 100_000),
-    "seed": SEEDS,
-}
 
 
 def _make(options: Options, env: Environment) -> Any:

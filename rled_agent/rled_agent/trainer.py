@@ -15,7 +15,7 @@ from rled_agent.environments import Elsewhere, Environment
 from rled_agent.expertise import Expertise
 from rled_agent.interval import Interval
 from rled_agent.learners.td3 import Learner
-from rled_agent.learning_state import pack, unpack
+from rled_agent.learning_state import pack, restoring, unpack, whole_number
 from rled_agent.peer_behaviour import JumpStart, Proposal
 from rled_agent.replay import Batch, Replay
 from rled_agent.rollout import EpisodeResult, mean_result, roll_out
@@ -169,13 +169,14 @@ class Trainer:
         """Continue bit for bit: the episode is begun again with its seed and its actions.
 
         Raises:
-            CheckpointError: of another configuration or environment.
+            CheckpointError: of another configuration or environment, or not as ``checkpoint`` made it.
         """
         unpack(checkpoint, self.learner, self.replay)
-        tensors, state = checkpoint
-        self._begin_episode(state["episode_seed"])
-        for action in tensors["episode.actions"].numpy():
-            *_, self._observation = self._transition(action)
-        self.step = state["step"]
-        self.generator.bit_generator.state = state["behaviour_generator"]
-        self.behaviour.restore(state["behaviour"])
+        with restoring("the checkpoint"):
+            tensors, state = checkpoint
+            self._begin_episode(whole_number(state, "episode_seed"))
+            for action in tensors["episode.actions"].numpy():
+                *_, self._observation = self._transition(action)
+            self.step = whole_number(state, "step")
+            self.generator.bit_generator.state = state["behaviour_generator"]
+            self.behaviour.restore(state["behaviour"])

@@ -2,17 +2,42 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
-from typing import Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from rled_msgs_py.kinds import Range, check_kinds
 
+from rled_agent.bounds import Amount
 from rled_agent.nn.dropout import Generator
 from rled_agent.nn.perceptron import Perceptron
 
 Measure = Literal["qcd", "iqr"]
+Passes = Annotated[int, Range(2, 10_000)]
+
+
+@dataclass(frozen=True)
+class GateSettings:
+    """What Eq. 4.40 compares; a policy that learned behind the gate carries them.
+
+    Attributes:
+        measure: u_t.
+        threshold: ξ; at this uncertainty or more the expert acts.
+        passes: N.
+    """
+
+    measure: Measure = "qcd"
+    threshold: Amount = 1e-3
+    passes: Passes = 30
+
+    def __post_init__(self) -> None:
+        check_kinds(self)
+
+    def __str__(self) -> str:
+        return f"{self.measure}, threshold {self.threshold:g}, {self.passes} passes"
 
 
 class Estimate(NamedTuple):

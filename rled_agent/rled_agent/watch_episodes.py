@@ -13,22 +13,27 @@ import numpy as np
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rled_msgs_py.awaiting import brought_by, say_what_is_awaited
+from rled_msgs_py.callbacks import Ending, ends_node, every
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.files import write_whole
 from rled_msgs_py.node import declare, run_node, spin, spin_until, subscribe, subscribe_ticks
+from rled_msgs_py.outputs import require_output
 from rled_msgs_py.params import param
 from rled_msgs_py.records import Text
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import Tick
-from rled_msgs_py.topics import TASK_DESCRIPTION
+from rled_msgs_py.topics import JOINT_STATES, TASK_DESCRIPTION
 
 from rled_agent.episodes import Episode, EpisodeLog
-from rled_agent.plots import draw_tool_paths
+from rled_agent.plots import draw_tool_paths, drawn_plane
 from rled_agent.progress import Progress
 from rled_agent.restart import Restart
 
 WAIT = 30.0
 """Seconds without a tick after which watching gives up."""
+STALLED = 1.0
+"""Seconds without a tick after which one is waited for."""
 
 
 @dataclass(frozen=True)
@@ -53,16 +58,19 @@ class WatchEpisodes(Node):
         super().__init__("watch_episodes", **arguments)
         params = declare(self, WatchParams)
         self._output = Path(params.output)
+        require_output(self._output, "episodes.json", "paths.png")
         self._log = EpisodeLog(params.episodes)
         self._task: TaskDescription | None = None
         self._ticks: deque[Tick] = deque()
         self._seed = params.seed
         self._begins = 0 if params.seed < 0 else None
-        self._heard = time.monotonic()
+        self._heard, self._ticked = time.monotonic(), False
         self._progress = Progress("episode", params.episodes)
         subscribe(self, TASK_DESCRIPTION, self._on_task)
         subscribe_ticks(self, self._on_tick, depth=10_000)  # outlasts a busy moment of this process
-        self.create_timer(1.0, self._check)
+        self.waits = ""
+        every(self, 1.0, self._check)
+        say_what_is_awaited(self, self._awaited)
 
     def _on_task(self, text: Text) -> None:
         self._task = TaskDescription.from_json(text.data)
@@ -74,10 +82,19 @@ class WatchEpisodes(Node):
             self._begins = restart.begin(self._seed)
             self._count()
 
+    def _awaited(self) -> str:
+        if self.waits:
+            return brought_by(self, "sim_node", self.waits)
+        if not self._ticked:
+            return brought_by(self, "sim_node", JOINT_STATES.name)
+        if time.monotonic() - self._heard > STALLED:
+            return brought_by(self, "agent_node or an operator", "the next tick")
+        return brought_by(self, "sim_node", TASK_DESCRIPTION.name) if self._log.full and self._task is None else ""
+
     def _on_tick(self, tick: Tick) -> None:
         if self._log.full:
             return
-        self._heard = time.monotonic()
+        self._heard, self._ticked = time.monotonic(), True
         self._ticks.append(tick)
         self._count()
 
@@ -96,7 +113,7 @@ class WatchEpisodes(Node):
 
     def _check(self) -> None:
         if time.monotonic() - self._heard > WAIT:
-            raise RledError(f"no tick for {WAIT:.0f} s", "", "are sim_node and an agent or operator running?")
+            raise Ending(RledError(f"no tick for {WAIT:.0f} s", "", "are sim_node and an agent or operator running?"))
 
     def _finish_when_complete(self) -> None:
         """The description of the task may come after the last tick."""
@@ -104,8 +121,9 @@ class WatchEpisodes(Node):
             return
         self._progress.close()
         summary = summarize(self._log.finished)
-        write_whole(self._output / "episodes.json", json.dumps(summary, indent=2) + "\n")
-        _draw(self._output / "paths.png", self._log.finished, self._task)
+        with ends_node():
+            write_whole(self._output / "episodes.json", json.dumps(summary, indent=2) + "\n")
+            _draw(self._output / "paths.png", self._log.finished, self._task)
         print(
             f"{summary['episodes']} episodes: {summary['targets_reached']:.2f} targets reached, "
             f"{summary['steps']:.1f} steps, {summary['violations']:.2f} violations each; wrote {self._output}"
@@ -127,7 +145,7 @@ def _draw(path: Path, episodes: list[Episode], task: TaskDescription) -> None:
     targets = np.unique(np.concatenate([np.array(e.targets) for e in episodes]), axis=0)
     first, others = [np.array(episodes[0].path)], [np.array(e.path) for e in episodes[1:]]
     paths = ({"the other episodes": others} if others else {}) | {"first episode": first}
-    plane = (0, 1) if len(task.axes) == 2 else (1, 2)
+    plane = drawn_plane(task)
     title = f"{task.robot}: end effector in {len(episodes)} episodes over topics"
     goals = np.array(episodes[0].targets)
     draw_tool_paths(path, ("targets of all episodes", targets), goals, paths, plane, task.tolerance**0.5, title)
@@ -138,9 +156,11 @@ def _watch(node: WatchEpisodes, stop: Event) -> None:
     executor.add_node(node)
 
     def wait(done: Callable[[], bool], what: str) -> None:
+        node.waits = what
         spin_until(executor, lambda: stop.is_set() or done(), WAIT, what)
         if stop.is_set():
             raise KeyboardInterrupt
+        node.waits = ""
 
     node.begin(Restart(node, wait))
     spin(node, stop, executor)

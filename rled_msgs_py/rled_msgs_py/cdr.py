@@ -6,7 +6,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from rled_msgs_py.errors import ContractError
+from rled_msgs_py.errors import Unreadable
 
 ENCAPSULATION = 4
 """Bytes that tell the encoding; alignment counts from their end."""
@@ -16,6 +16,9 @@ FORMATS = {order: (struct.Struct(f"{order}I"), struct.Struct(f"{order}iI"), np.d
 COUNT, TIME, DOUBLE = FORMATS["<"]
 GAPS = tuple(bytes(3 - length) for length in range(4))
 """Zeros behind a string of so many bytes, less whole fours, and its own zero."""
+
+KNOWN = 4096
+"""Most bytes of a sequence of strings that is remembered; the names of a hundred joints fit."""
 
 _known: tuple[int, bytes, tuple[str, ...]] = -1, b"", ()
 """Place, bytes and members of the sequence of strings read last."""
@@ -28,12 +31,12 @@ class CdrReader:
         data: the message.
 
     Raises:
-        ContractError: another encoding; from every method: the message ends before the field does.
+        Unreadable: another encoding; from every method: the message ends before the field does.
     """
 
     def __init__(self, data: bytes) -> None:
         if data[:2] not in (b"\x00\x00", b"\x00\x01"):
-            raise ContractError(f"a message in the encoding '{data[:2].hex()}'", "plain CDR (0000 or 0001)")
+            raise Unreadable(f"a message in the encoding '{data[:2].hex()}'", "plain CDR (0000 or 0001)")
         self._data, self._at = data, ENCAPSULATION
         self._count, self._time, self._double = FORMATS["<" if data[1] else ">"]
 
@@ -44,8 +47,8 @@ class CdrReader:
             raise self._broken()
         return start
 
-    def _broken(self) -> ContractError:
-        return ContractError(f"a message of {len(self._data)} bytes that breaks off")
+    def _broken(self) -> Unreadable:
+        return Unreadable(f"a message of {len(self._data)} bytes that breaks off")
 
     def time(self) -> tuple[int, int]:
         """Seconds and nanoseconds of a builtin_interfaces/Time."""
@@ -77,7 +80,7 @@ class CdrReader:
         except struct.error:
             raise self._broken() from None
         except UnicodeDecodeError as error:
-            raise ContractError(f"a text that is not UTF-8 ({error.reason})") from None
+            raise Unreadable(f"a text that is not UTF-8 ({error.reason})") from None
         self._at = at
         if at > len(data):
             raise self._broken()
@@ -91,13 +94,14 @@ class CdrReader:
             self._at += len(block)
             return texts
         texts = tuple(self.strings(self.members()))
-        _known = begun, self._data[begun : self._at], texts
+        if self._at - begun <= KNOWN:
+            _known = begun, self._data[begun : self._at], texts
         return texts
 
     def members(self) -> int:
         """Length of a sequence whose members take a byte at least."""
         if (count := self.count()) > len(self._data):
-            raise ContractError(f"a message of {len(self._data)} bytes with {count} members in a sequence")
+            raise Unreadable(f"a message of {len(self._data)} bytes with {count} members in a sequence")
         return count
 
     def doubles(self, count: int) -> NDArray[np.float64]:

@@ -3,9 +3,9 @@
 from dataclasses import replace
 from typing import Any
 
-from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 
+from rled_msgs_py.callbacks import publisher_events
 from rled_msgs_py.convert import MESSAGE_CLASSES, qos_profile
 from rled_msgs_py.messages import encode
 from rled_msgs_py.records import DeltaCommand
@@ -30,7 +30,7 @@ class CommandOutput:
         self._topic = topic
         self._waiting: bytes | None = None
         self._told = 0  # readers that know it, or more when some have left
-        matched = PublisherEventCallbacks(matched=self._on_matched)
+        matched = publisher_events(node, matched=self._on_matched)
         kind, qos = MESSAGE_CLASSES[topic.type], qos_profile(replace(topic.qos, depth=HISTORY))
         self.publisher = node.create_publisher(kind, topic.name, qos, event_callbacks=matched)
 

@@ -3,8 +3,24 @@
 import functools
 import os
 import select
+import shlex
 import sys
 from collections.abc import Callable
+from pathlib import Path
+from typing import NoReturn, TextIO
+
+MAX_LENGTH = 1000
+"""Characters of what an error quotes; names and values of other processes may have millions."""
+
+
+def shortened(text: str, limit: int = MAX_LENGTH) -> str:
+    """The text, its middle left out where it is longer than ``limit``."""
+    return text if len(text) <= limit else f"{text[: limit // 2]} ... {text[-limit // 4 :]}"
+
+
+def one_line(text: str) -> str:
+    """The text without its line ends; spaces stay, a path in a command may have several."""
+    return " ".join(filter(None, map(str.strip, text.splitlines())))
 
 
 class RledError(Exception):
@@ -17,8 +33,8 @@ class RledError(Exception):
     """
 
     def __init__(self, what: str, accepted: str = "", remedy: str = "") -> None:
-        self.what, self.accepted, self.remedy = what, accepted, remedy
-        parts = [what, f"accepted: {accepted}" if accepted else "", remedy]
+        self.what, self.accepted, self.remedy = shortened(what), shortened(accepted), remedy
+        parts = [self.what, f"accepted: {self.accepted}" if accepted else "", remedy]
         super().__init__("; ".join(part for part in parts if part))
 
     def __reduce__(self) -> tuple[type, tuple[str, str, str]]:
@@ -27,6 +43,15 @@ class RledError(Exception):
 
 class ContractError(RledError):
     """A record, a message or a description that breaks the contract."""
+
+
+def command(*words: str | Path) -> str:
+    """A command to paste into a shell, as in a remedy: ``command("demos", "repair", path)``."""
+    return shlex.join(f"./{word}" if isinstance(word, Path) and str(word)[0] == "-" else str(word) for word in words)
+
+
+class Unreadable(ContractError):
+    """Bytes that are no message of their topic, or more of them than such a message can have."""
 
 
 def command_line(main: Callable[[], None]) -> Callable[[], None]:
@@ -39,18 +64,35 @@ def command_line(main: Callable[[], None]) -> Callable[[], None]:
     @functools.wraps(main)
     def wrapped() -> None:
         try:
-            main()
-            sys.stdout.flush()
-        except (RledError, OSError) as error:
+            _flushed(main)
+        except (RledError, OSError, UnicodeError, MemoryError) as error:
             if isinstance(error, BrokenPipeError) and _nobody_reads():
                 sys.exit(141)
-            print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
-            sys.exit(2)
+            _end(f"error: {one_line(str(error)) or 'out of memory'}", 2)
         except KeyboardInterrupt:
-            print("interrupted", file=sys.stderr)
-            sys.exit(130)
+            _end("interrupted", 130)
 
     return wrapped
+
+
+def _flushed(main: Callable[[], None]) -> None:
+    try:
+        main()
+    except SystemExit:  # after --help, say
+        sys.stdout.flush()
+        raise
+    sys.stdout.flush()
+
+
+def _end(line: str, code: int) -> NoReturn:
+    """Say a last line and exit; what a stream does not take is dropped, or the interpreter would complain of it."""
+    for stream, text in ((sys.stdout, ""), (sys.stderr, f"{line}\n")):
+        try:
+            stream.write(text)
+            stream.flush()
+        except OSError:
+            _drop(stream)
+    sys.exit(code)
 
 
 def _nobody_reads() -> bool:
@@ -59,5 +101,9 @@ def _nobody_reads() -> bool:
     poll.register(sys.stdout, 0)
     gone = any(event & select.POLLERR for _, event in poll.poll(0))
     if gone:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _drop(sys.stdout)
     return gone
+
+
+def _drop(stream: TextIO) -> None:
+    os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())

@@ -1,27 +1,81 @@
-"""Fields of a frozen dataclass that came as JSON: are they of the kinds that it declares?"""
+"""Fields of a frozen dataclass that came from elsewhere: are they of the kinds, and in the ranges, that it declares?
+
+A bound stands beside its field, ``gamma: Annotated[float, Range(0, 1)]``, and holds for a command line, a YAML file and
+JSON alike.
+"""
 
 import sys
 from collections.abc import Mapping
-from dataclasses import fields, is_dataclass
-from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
+from dataclasses import dataclass, fields, is_dataclass
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 from rled_msgs_py.errors import ContractError
 
 R = TypeVar("R")
 LARGEST = 2**63
 """Whole numbers are smaller than that, so that they fit into arrays; JSON has them of any length."""
+SHOWN = 80
+"""Characters of a value that an error repeats."""
 
 
-def check_kinds(record: Any) -> None:
-    """Refuse values of another kind than the fields of a dataclass say.
+@dataclass(frozen=True)
+class Range:
+    """A closed range of a number, or of each number of a sequence."""
+
+    low: float
+    high: float
+
+    def admits(self, value: Any) -> bool:
+        """Whether a value lies in it; NaN lies nowhere."""
+        return all(self.low <= each <= self.high for each in (value if isinstance(value, tuple) else (value,)))
+
+    def __str__(self) -> str:
+        return f"{self.low:g} to {self.high:g}"
+
+
+@dataclass(frozen=True)
+class Length:
+    """How many parts a sequence has at most."""
+
+    most: int
+
+    def admits(self, value: Any) -> bool:
+        """Whether a sequence is no longer."""
+        return len(value) <= self.most
+
+    def __str__(self) -> str:
+        return f"at most {self.most} values"
+
+
+def check_kinds(record: Any, prefix: str = "") -> None:
+    """Refuse values of another kind than the fields of a dataclass say, or out of their bounds.
+
+    Args:
+        record: a dataclass; those among its fields are looked into.
+        prefix: put before the names of its fields.
 
     Raises:
         ContractError: names the field, its value and what is accepted.
     """
-    for name, kind in get_type_hints(type(record)).items():
-        value = getattr(record, name)
-        if not _fits(value, kind):
-            raise ContractError(f"{name} {value!r}", _accepted(kind))
+    for name, kind in get_type_hints(type(record), include_extras=True).items():
+        _check(getattr(record, name), kind, prefix + name)
+
+
+def _check(value: Any, kind: Any, name: str) -> None:
+    kind, *bounds = get_args(kind) if get_origin(kind) is Annotated else (kind,)
+    if not _fits(value, kind):
+        raise ContractError(f"{name} {_shown(value)}", _accepted(kind))
+    for bound in bounds:
+        if isinstance(bound, Range | Length) and not bound.admits(value):
+            raise ContractError(f"{name} is {_shown(value)}", str(bound))
+    if is_dataclass(kind):
+        check_kinds(value, f"{name}.")
+
+
+def _shown(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= SHOWN else f"{text[:SHOWN]}..."
 
 
 def from_object(kind: type[R], values: Any, what: str, optional: Mapping[str, Any] | None = None) -> R:
@@ -45,16 +99,21 @@ def from_object(kind: type[R], values: Any, what: str, optional: Mapping[str, An
 def _read(kind: Any, value: Any, what: str) -> Any:
     if is_dataclass(kind) and isinstance(kind, type) and isinstance(value, dict):
         return from_object(kind, value, what)
-    if isinstance(value, list):
+    if isinstance(value, list) and get_origin(kind) is not list:
         return tuple(_read(next(iter(get_args(kind)), None), each, what) for each in value)
     return value
 
 
 def _fits(value: Any, kind: Any) -> bool:
-    if get_origin(kind) is tuple:
-        return isinstance(value, tuple) and all(_fits(each, get_args(kind)[0]) for each in value)
-    if get_origin(kind) is Literal:
-        return value in get_args(kind)
+    origin, parts = get_origin(kind), get_args(kind)
+    if origin in (tuple, list):
+        return isinstance(value, origin) and all(_fits(each, parts[0]) for each in value)
+    if origin is dict:
+        return isinstance(value, dict) and all(_fits(each, parts[1]) for each in value.values())
+    if origin is Literal:
+        return value in parts
+    if origin is UnionType:
+        return any(_fits(value, each) for each in parts)
     if isinstance(value, bool):
         return kind is bool
     if kind is float:
@@ -65,10 +124,18 @@ def _fits(value: Any, kind: Any) -> bool:
 
 
 def _accepted(kind: Any) -> str:
-    if get_origin(kind) is tuple:
-        return f"a list, each {_accepted(get_args(kind)[0])}"
-    if get_origin(kind) is Literal:
-        return ", ".join(get_args(kind))
+    origin, parts = get_origin(kind), get_args(kind)
+    if origin in (tuple, list):
+        return f"a list, each {_accepted(parts[0])}"
+    if origin is dict:
+        return f"a table, each {_accepted(parts[1])}"
+    if origin is Literal:
+        return ", ".join(parts)
+    if origin is UnionType:
+        return " or ".join(map(_accepted, parts))
     if is_dataclass(kind):
         return "an object with " + ", ".join(each.name for each in fields(kind))
-    return {float: "a finite number", int: "a whole number", str: "a text", bool: "true or false"}[kind]
+    return NAMES.get(kind, str(kind))
+
+
+NAMES = {NoneType: "nothing", float: "a finite number", int: "a whole number", str: "a text", bool: "true or false"}

@@ -3,22 +3,26 @@
 Who offers a lease or a deadline still matches every reader that asks for none: tools, and nodes older than this.
 """
 
+import time
 from collections.abc import Callable
 from typing import Any
 
 from rclpy.duration import Duration
-from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 
+from rled_msgs_py.callbacks import every, listen, publisher_events, subscription_events
 from rled_msgs_py.convert import MESSAGE_CLASSES, qos_profile
+from rled_msgs_py.lasting import Steady
 from rled_msgs_py.topics import Topic
 
 FOREVER = Duration(seconds=10**6)
 """Longer than any deadline that is one."""
 LEASE = 1.0
-"""Seconds after which a node of which the network brings no sign of life counts as gone."""
+"""Seconds without a sign of life after which a node counts as gone, and that it has to stay so before it is told."""
+LOOK = 0.1
+"""Seconds between two looks at what has lasted."""
 
 
 def offer_life(node: Node, topic: Topic) -> Publisher:
@@ -26,21 +30,22 @@ def offer_life(node: Node, topic: Topic) -> Publisher:
     return node.create_publisher(MESSAGE_CLASSES[topic.type], topic.name, _leased(topic))
 
 
-def watch_life(node: Node, topic: Topic, changed: Callable[[int], None]) -> Subscription:
-    """Call ``changed`` with the number of publishers that live, when it changes.
+def watch_life(node: Node, topic: Topic, changed: Callable[[bool], None]) -> Subscription:
+    """Call ``changed`` with whether a publisher lives, when that changes and lasts.
+
+    On a busy machine a sign of life comes late now and then: who was gone for two milliseconds was not gone.
 
     This reader is one of its own beside the one that takes the messages, since it does not match a publisher that
     offers no lease: a replayed bag.
     """
+    steady = Steady(LEASE, changed)
+    every(node, LOOK, lambda: steady.look(time.monotonic()))
 
     def on_change(status: Any) -> None:
-        changed(status.alive_count)
+        steady.see(status.alive_count > 0, time.monotonic())
 
-    events = SubscriptionEventCallbacks(liveliness=on_change, incompatible_qos=lambda status: None)
-    kind = MESSAGE_CLASSES[topic.type]
-    return node.create_subscription(
-        kind, topic.name, lambda data: None, _leased(topic), raw=True, event_callbacks=events
-    )
+    events = subscription_events(node, liveliness=on_change, incompatible_qos=lambda status: None)
+    return listen(node, MESSAGE_CLASSES[topic.type], topic.name, _leased(topic), lambda data: None, events=events)
 
 
 def _leased(topic: Topic) -> Any:
@@ -70,5 +75,5 @@ def advertise_in_time(node: Node, topic: Topic, deadline: float, missed: Callabl
 
     profile = qos_profile(topic.qos)
     profile.deadline = Duration(seconds=deadline)
-    events = PublisherEventCallbacks(deadline=on_miss)
+    events = publisher_events(node, deadline=on_miss)
     return node.create_publisher(MESSAGE_CLASSES[topic.type], topic.name, profile, event_callbacks=events)

@@ -11,7 +11,7 @@ import numpy as np
 
 from rled_msgs_py import topics
 from rled_msgs_py.cdr import CdrReader, CdrWriter
-from rled_msgs_py.errors import ContractError
+from rled_msgs_py.errors import ContractError, Unreadable
 from rled_msgs_py.records import (
     Actor,
     DeltaCommand,
@@ -25,6 +25,7 @@ from rled_msgs_py.records import (
     TaskStatus,
     Text,
     Vector,
+    rates_of,
 )
 from rled_msgs_py.topics import DIAGNOSTIC_ARRAY, JOINT_STATE, POSE_STAMPED, STRING, Topic
 
@@ -63,12 +64,23 @@ def decode(topic: Topic, data: bytes) -> Record:
     """The record of a message received on a topic; bytes after the message are let pass.
 
     Raises:
-        ContractError: bytes that are no such message, a wrong size, bad names, NaN or infinity, or a topic of which
-            there are no records.
+        Unreadable: bytes that are no such message, or too many of them.
+        ContractError: a wrong size, bad names, NaN or infinity, or a topic of which there are no records.
     """
     if topic.name not in FROM:
         raise ContractError(f"{topic.name} has no records", ", ".join(FROM))
+    require_size(topic, data)
     return FROM[topic.name](CdrReader(data))
+
+
+def require_size(topic: Topic, data: bytes) -> None:
+    """Refuse a message that is larger than any on its topic; look before anything of it is read or kept.
+
+    Raises:
+        Unreadable: it is too large.
+    """
+    if len(data) > topic.largest:
+        raise Unreadable(f"a message of {len(data)} bytes", f"{topic.largest} at most")
 
 
 TYPES: Mapping[type, str] = {
@@ -114,9 +126,8 @@ def _read_joints(source: CdrReader) -> tuple[int, tuple[str, ...], Vector, Vecto
 
 
 def _joint_sample(source: CdrReader) -> JointSample:
-    """A driver that leaves ``velocity`` empty means zero."""
     stamp, names, position, velocity = _read_joints(source)
-    return JointSample(stamp, names, position, velocity if len(velocity) else np.zeros(len(names)))
+    return JointSample(stamp, names, position, rates_of(velocity, len(names)))
 
 
 def _delta_command(source: CdrReader) -> DeltaCommand:

@@ -1,7 +1,7 @@
 """Starting a node, its parameters and its end, the same way for every node of the graph."""
 
 import gc
-import os
+import re
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -19,21 +19,28 @@ from rcl_interfaces.msg import (
 )
 from rclpy.context import Context
 from rclpy.executors import Executor, SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 
+from rled_msgs_py.callbacks import guarded, listen, raise_ending, shield_services
 from rled_msgs_py.convert import MESSAGE_CLASSES, qos_profile
+from rled_msgs_py.environment import one_line, settle
 from rled_msgs_py.errors import ContractError, RledError, command_line
 from rled_msgs_py.messages import decode
+from rled_msgs_py.middleware import return_blocks, return_messages
 from rled_msgs_py.params import Spec, build, parameters_of, parse_command_line
+from rled_msgs_py.records import Text
 from rled_msgs_py.stopping import stop_requested
+from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import STATE_TOPICS, StateRecord, Tick, TickAssembler
-from rled_msgs_py.topics import Topic
+from rled_msgs_py.topics import TASK_DESCRIPTION, Topic
 
 P = TypeVar("P")
+RCLError: type[Exception] = rclpy_implementation.RCLError
 STOP_WAIT = 0.1
 """Longest wait for work before a request to stop is looked at (s)."""
 
@@ -55,21 +62,28 @@ def subscribe(
     ``refused``.
     """
 
-    def warn(error: ContractError) -> None:
-        node.get_logger().warning(f"{topic.name}: {error}", throttle_duration_sec=1.0)
-
     def received(data: bytes) -> None:
         try:
             callback(decode(topic, data))
         except ContractError as error:
-            (refused or warn)(error)
+            if refused is None:
+                raise
+            refused(error)
 
     kind, qos = MESSAGE_CLASSES[topic.type], qos_profile(topic.qos)
-    return node.create_subscription(kind, topic.name, received, qos, raw=True)
+    return listen(node, kind, topic.name, qos, received)
+
+
+def on_set(node: Node, changed: Callable[[list[Parameter]], None]) -> None:
+    """Call ``changed`` with the parameters of each accepted change."""
+    node.add_post_set_parameters_callback(guarded(node, "a parameter", changed))
 
 
 def subscribe_ticks(node: Node, callback: Callable[[Tick], None], depth: int | None = None) -> None:
     """Call ``callback`` with each complete tick.
+
+    Joints that ``task_description`` does not name are passed over, and samples that name some of its joints only are
+    put together.
 
     Args:
         node: the node.
@@ -83,6 +97,10 @@ def subscribe_ticks(node: Node, callback: Callable[[Tick], None], depth: int | N
         if tick is not None:
             callback(tick)
 
+    def meet(text: Text) -> None:
+        assembler.meet(TaskDescription.from_json(text.data).joint_names)
+
+    subscribe(node, TASK_DESCRIPTION, meet, lambda error: None)  # whoever needs the description says what is wrong
     for topic in STATE_TOPICS:
         deep = replace(topic, qos=replace(topic.qos, depth=depth or topic.qos.depth))
         subscribe(node, deep, partial(received, topic.name))
@@ -115,7 +133,7 @@ def declare(node: Node, params: type[P], changed: Callable[[P], None] | None = N
         ContractError: a value given at the start is out of its range or of another type.
     """
     known = parameters_of(params)
-    _shield_services(node)
+    shield_services(node)
     for each in known:
         try:
             node.declare_parameter(each.name, each.default, _descriptor(each.spec, each.default))
@@ -133,37 +151,45 @@ def declare(node: Node, params: type[P], changed: Callable[[P], None] | None = N
         try:
             build(params, current() | {each.name: each.value for each in proposed if each.name in mine})
         except (ContractError, TypeError) as error:
-            return SetParametersResult(successful=False, reason=str(error))
+            return refuse(error)
         return SetParametersResult(successful=True)
+
+    def refuse(error: Exception, *_: object) -> SetParametersResult:
+        return SetParametersResult(successful=False, reason=str(error))
 
     def apply(_: list[Parameter]) -> None:
         if changed is not None:
             changed(build(params, current()))
 
     record = build(params, current())
-    node.add_on_set_parameters_callback(validate)
-    node.add_post_set_parameters_callback(apply)
+    node.add_on_set_parameters_callback(guarded(node, "a parameter", validate, refuse))
+    on_set(node, apply)
     return record
 
 
-def _shield_services(node: Node) -> None:
-    """Keep requests that rclpy's own parameter services choke on (a parameter of type 255) from ending the node."""
+def start_ros(arguments: Sequence[str] = (), context: Context | None = None, domain: int | None = None) -> None:
+    """``rclpy.init`` without its signal handlers, after a look at what it will read.
 
-    def shielded(name: str, callback: Callable[[Any, Any], Any], request: Any, response: Any) -> Any:
-        try:
-            return callback(request, response)
-        except Exception as error:  # rclpy raises several unrelated types here
-            node.get_logger().warning(f"{name}: {error}", throttle_duration_sec=1.0)
-            return response
+    Args:
+        arguments: program and ``--ros-args ...``.
+        context: which one; the default one by default.
+        domain: in place of ``ROS_DOMAIN_ID``.
 
-    for each in node.services:
-        each.callback = partial(shielded, each.srv_name, each.callback)
+    Raises:
+        RledError: a variable, an argument or a parameter file that ROS does not take.
+    """
+    settle(arguments, with_domain=domain is None)
+    options = SignalHandlerOptions.NO
+    try:
+        with one_line():
+            rclpy.init(args=list(arguments), context=context, domain_id=domain, signal_handler_options=options)
+    except Exception as error:  # rclpy raises several unrelated types here
+        raise _not_started(error) from None
 
 
-def _require_domain() -> None:
-    domain = os.environ.get("ROS_DOMAIN_ID", "0") or "0"
-    if not domain.isdigit() or int(domain) > 101:
-        raise RledError(f"ROS_DOMAIN_ID is '{domain}'", "0 to 101", "set another domain id")
+def _not_started(error: Exception) -> RledError:
+    reason = re.sub(r", at /\S+:\d+", "", str(error)) or type(error).__name__
+    return RledError(f"ROS does not start: {reason}", "", "see what follows --ros-args, and the variables ROS_...")
 
 
 def run_node(
@@ -186,12 +212,13 @@ def run_node(
     def main() -> None:
         given, ros_arguments = parse_command_line(params, program, summary, sys.argv[1:])
         overrides = [Parameter(name, value=value) for name, value in given.items()]
-        _require_domain()
-        rclpy.init(args=[program, *ros_arguments], signal_handler_options=SignalHandlerOptions.NO)
+        return_messages()
+        return_blocks()
         node: Node | None = None
         with stop_requested() as stop:  # to the end: who asks twice does not cut short what is being saved
             try:
-                node = make(parameter_overrides=overrides)
+                start_ros([program, *ros_arguments])
+                node = _made(make, overrides)
                 gc.freeze()  # what the imports brought is never looked at again: shorter pauses, a quicker end
                 (work or spin)(node, stop)
             finally:
@@ -202,13 +229,26 @@ def run_node(
     command_line(main)()
 
 
+def _made(make: Callable[..., Node], overrides: list[Parameter]) -> Node:
+    try:
+        return make(parameter_overrides=overrides)
+    except RCLError as error:
+        raise _not_started(error) from None
+
+
 def spin(node: Node, stop: Event, executor: Executor | None = None) -> None:
-    """Spin one node until it is asked to stop, or shuts its context down itself."""
+    """Spin one node until it is asked to stop, or shuts its context down itself.
+
+    Raises:
+        RledError: a callback ended the node.
+        OSError: the same, for a file.
+    """
     executor = executor or SingleThreadedExecutor(context=node.context)
     executor.add_node(node)
     try:
         while not stop.is_set() and node.context.ok():
             executor.spin_once(timeout_sec=STOP_WAIT)
+            raise_ending(node)
     finally:
         executor.remove_node(node)
 
@@ -217,17 +257,20 @@ def spin_until(executor: Executor, done: Callable[[], bool], timeout: float, wha
     """Spin until a predicate holds.
 
     Raises:
-        RledError: it did not hold within ``timeout`` seconds.
+        RledError: it did not hold within ``timeout`` seconds, or a node ends.
     """
     deadline = time.monotonic() + timeout
     while not done():
         if time.monotonic() > deadline:
             raise RledError(f"waited {timeout:g} s for {what}", "", "is the other node running in this ROS_DOMAIN_ID?")
         executor.spin_once(timeout_sec=0.05)
+        for node in executor.get_nodes():
+            raise_ending(node)
 
 
 def fresh_context(domain: int | None = None, arguments: Sequence[str] = ()) -> Context:
     """A context of its own, for composing nodes in one process or for a test."""
+    return_messages()
     context = Context()
-    rclpy.init(args=list(arguments), context=context, domain_id=domain)
+    start_ros(arguments, context, domain)
     return context

@@ -19,3 +19,8 @@ def picture(path: Path, width: float = 7.0, height: float = 4.5) -> Iterator[Axe
     yield axes
     with whole_file(path) as temporary:
         figure.savefig(temporary, dpi=120)
+
+
+def legend_beside(axes: Axes) -> None:
+    """A legend to the right of the axes, where it covers nothing."""
+    axes.legend(fontsize="small", loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)

@@ -182,11 +182,11 @@ def _spawn(
     try:
         return subprocess.Popen(
             command,
-            env={**os.environ, "PYTHONUNBUFFERED": "1", **env},
+            env={**os.environ, "PYTHONUNBUFFERED": "1", **({"PYTHONIOENCODING": "utf-8"} if capture else {}), **env},
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE if capture else None,
             stderr=subprocess.STDOUT if capture else None,
-            text=True,
+            encoding="utf-8",
             errors="replace",
             process_group=0,
             preexec_fn=_prepare,

@@ -17,6 +17,10 @@ from rled_msgs_py.errors import ContractError
 
 Vector = NDArray[np.float64]
 
+MOST_JOINTS = 256
+LONGEST_NAME = 256
+"""Characters of a joint's name."""
+
 UNIT_TOLERANCE = 1e-3
 """How far the squared norm of an orientation may be from 1."""
 
@@ -32,22 +36,49 @@ def finite_vector(values: ArrayLike, size: int, what: str) -> Vector:
     Raises:
         ContractError: another size, or a NaN or infinity in it.
     """
+    vector = sized_vector(values, size, what)
+    if not is_finite(vector):
+        raise ContractError(f"{what} holds {vector[~np.isfinite(vector)][0]}", "finite numbers")
+    return vector
+
+
+def sized_vector(values: ArrayLike, size: int, what: str) -> Vector:
+    """The same, whatever the numbers are.
+
+    Raises:
+        ContractError: another size.
+    """
     vector = np.array(values, dtype=np.float64)
     if vector.shape != (size,):
         raise ContractError(f"{what} has shape {vector.shape}", f"({size},)")
-    if not is_finite(vector):
-        raise ContractError(f"{what} holds {vector[~np.isfinite(vector)][0]}", "finite numbers")
     vector.flags.writeable = False
     return vector
 
 
-@lru_cache
+def rates_of(velocity: Vector, size: int) -> Vector:
+    """Joint rates for so many joints, from as many as a driver tells, shape (..., size).
+
+    A driver that tells none means zero; where it tells fewer than there are joints the others are not known, NaN.
+    """
+    told = velocity.shape[-1]
+    if told == size:
+        return velocity
+    rates = np.full((*velocity.shape[:-1], size), np.nan if told else 0.0)
+    rates[..., :told] = velocity[..., :size]
+    return rates
+
+
+@lru_cache(maxsize=16)  # what it keeps is bounded by the two above: what they refuse is not kept
 def check_names(names: tuple[str, ...], what: str) -> None:
     """Refuse joint names that do not tell joints apart.
 
     Raises:
-        ContractError: none, an empty one, or one twice.
+        ContractError: none, too many, an empty one, one twice, or one that is too long.
     """
+    if len(names) > MOST_JOINTS:
+        raise ContractError(f"{what} has {len(names)} names", f"{MOST_JOINTS} at most")
+    if any(len(name) > LONGEST_NAME for name in names):
+        raise ContractError(f"{what} has a name of {max(map(len, names))} characters", f"{LONGEST_NAME} at most")
     if not names or len(set(names)) != len(names) or not all(names):
         raise ContractError(f"{what} has names {list(names)}", "distinct, non-empty joint names")
 
@@ -64,15 +95,29 @@ def order_by_name(names: tuple[str, ...], wanted: tuple[str, ...], what: str) ->
     return [names.index(name) for name in wanted]
 
 
+def find_by_name(names: tuple[str, ...], wanted: tuple[str, ...], what: str) -> list[int]:
+    """Indices of the wanted ones among values named ``names``; the others are passed over.
+
+    Raises:
+        ContractError: a wanted name is missing.
+    """
+    missing = [name for name in wanted if name not in names]
+    if missing:
+        raise ContractError(f"{what} names {', '.join(names)}", ", ".join(wanted), f"lacks {', '.join(missing)}")
+    return [names.index(name) for name in wanted]
+
+
 @dataclass(frozen=True, eq=False)
 class JointSample:
-    """Joint positions and velocities at one instant.
+    """Joint positions and velocities at one instant, of the robot's joints and whatever others their publisher has.
+
+    What is used is judged where it is used (``ordered``): a driver says NaN of a gripper that it cannot read.
 
     Attributes:
         stamp: simulation time (ns).
         names: joint names, n of them.
-        position: joint angles (rad), shape (n,).
-        velocity: joint rates (rad/s), shape (n,).
+        position: joint angles (rad), shape (n,); not finite where the driver does not know.
+        velocity: joint rates (rad/s), shape (n,); NaN where they are not known.
     """
 
     stamp: int
@@ -82,15 +127,28 @@ class JointSample:
 
     def __post_init__(self) -> None:
         check_names(self.names, "a joint sample")
-        object.__setattr__(self, "position", finite_vector(self.position, len(self.names), "position"))
-        object.__setattr__(self, "velocity", finite_vector(self.velocity, len(self.names), "velocity"))
+        object.__setattr__(self, "position", sized_vector(self.position, len(self.names), "position"))
+        object.__setattr__(self, "velocity", sized_vector(self.velocity, len(self.names), "velocity"))
 
     def ordered(self, names: tuple[str, ...]) -> "JointSample":
-        """The same sample with its joints in the order of ``names``."""
-        if names == self.names:
-            return self
-        order = order_by_name(self.names, names, "a joint sample")
-        return JointSample(self.stamp, names, self.position[order], self.velocity[order])
+        """The joints ``names`` of this sample, in their order; other joints are passed over.
+
+        Raises:
+            ContractError: one is missing, or its position is not finite.
+        """
+        chosen = self
+        if names != self.names:
+            order = find_by_name(self.names, names, f"the joint state of {self.stamp} ns")
+            chosen = JointSample(self.stamp, names, self.position[order], self.velocity[order])
+        if not is_finite(chosen.position):
+            raise unknown_joint(f"the joint state of {self.stamp} ns", names, chosen.position)
+        return chosen
+
+
+def unknown_joint(what: str, names: tuple[str, ...], position: Vector) -> ContractError:
+    """The error of a state in which a joint's position is not finite; angles (rad), shape (n,)."""
+    place = int(np.flatnonzero(~np.isfinite(position))[0])
+    return ContractError(f"{what}: {names[place]} is at {position[place]}", "a finite position of every joint in use")
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,8 @@
-"""How the commands of all packages start: Ctrl-C ends them cleanly while their imports are still under way.
+"""How the commands of all packages start, wherever they are started.
 
 ``setup.py`` names a command as ``rled_msgs_py.starting:MODULE``, with dots and all. This file imports next to nothing,
-so that it is soon there, and then the module, which may take seconds.
+so that it is soon there; it sees to Ctrl-C and to the standard streams, and then imports the module, which may take
+seconds.
 """
 
 import os
@@ -11,6 +12,15 @@ from importlib import import_module
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as shells have it."""
+
+
+def _end(*_: object) -> None:
+    """End at once: nothing is begun, or all is done. An exception in an import may be swallowed, or be shown."""
+    os.write(2, b"interrupted\n")
+    os._exit(INTERRUPTED)
+
+
+_BEFORE = signal.signal(signal.SIGINT, _end)
 
 
 class _Module:
@@ -33,13 +43,56 @@ def __getattr__(name: str) -> _Module:
 
 
 def _start(module: str) -> None:
-    before = signal.signal(signal.SIGINT, _end)
-    main = import_module(module).main
-    signal.signal(signal.SIGINT, before)
-    main()
+    from rled_msgs_py.errors import command_line
+
+    _open_streams()
+    sys.meta_path.insert(0, _BeforeRos)  # a whole class of importlib would take time that Ctrl-C has
+
+    @command_line
+    def run() -> None:
+        main = import_module(module).main
+        signal.signal(signal.SIGINT, _BEFORE)
+        for number in (signal.SIGTERM, signal.SIGHUP):
+            if signal.getsignal(number) is signal.SIG_DFL:
+                signal.signal(number, _leave)
+        try:
+            main()
+        finally:
+            signal.signal(signal.SIGINT, _end)
+
+    run()
 
 
-def _end(*_: object) -> None:
-    """End at once: nothing was begun. An exception in the middle of an import may be swallowed, or be shown."""
-    print("interrupted", file=sys.stderr, flush=True)
-    os._exit(INTERRUPTED)
+def _leave(number: int, _: object) -> None:
+    """End in order, with the exit code that shells give: temporary files are removed, child processes ended."""
+    sys.exit(128 + number)
+
+
+class _BeforeRos:
+    """A finder that finds no module, but is asked before rclpy is imported."""
+
+    @staticmethod
+    def find_spec(name: str, *_: object) -> None:
+        """See that rclpy can be imported."""
+        if name == "rclpy":
+            from rled_msgs_py.environment import require_middleware
+
+            require_middleware()
+
+
+def _open_streams() -> None:
+    """Have all three streams, and let them take any text.
+
+    A file that is opened gets the least number that is free: with standard output closed, the words of a command would
+    go into its own files. Letters that the encoding lacks are written as their escapes.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # takes that number
+    sys.stdin = sys.stdin or open(0, closefd=False)  # noqa: SIM115
+    sys.stdout = sys.stdout or open(1, "w", closefd=False)  # noqa: SIM115
+    sys.stderr = sys.stderr or open(2, "w", closefd=False)  # noqa: SIM115
+    for stream in (sys.stdout, sys.stderr):
+        stream.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]

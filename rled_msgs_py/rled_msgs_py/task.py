@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any, Literal
 
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rled_msgs_py.errors import ContractError
+from rled_msgs_py.foreign import read_json
 from rled_msgs_py.kinds import check_kinds, from_object
 from rled_msgs_py.limits import NO_LIMITS, Limits
 from rled_msgs_py.records import check_names
@@ -130,11 +131,8 @@ class TaskDescription:
         Raises:
             ContractError: not JSON, or fields missing, unknown or of a wrong kind.
         """
-        names = [each.name for each in fields(TaskDescription)]
-        try:
-            return from_object(TaskDescription, json.loads(text), "the task description", {"limits": NO_LIMITS})
-        except (ValueError, RecursionError):
-            raise ContractError("the task description is no JSON", "an object with " + ", ".join(names)) from None
+        what = "the task description"
+        return from_object(TaskDescription, read_json(text, what), what, {"limits": NO_LIMITS})
 
     def require_same_robot(self, other: "TaskDescription", whose: str) -> None:
         """Refuse another robot's description.

@@ -31,6 +31,19 @@ class Qos:
     durability: Literal["volatile", "transient_local"] = "volatile"
 
 
+LARGEST = {
+    JOINT_STATE: 64 << 10,  # 256 joints with names of a hundred characters have half of it
+    POSE_STAMPED: 8 << 10,
+    DIAGNOSTIC_ARRAY: 256 << 10,
+    STRING: 4 << 20,  # a URDF
+    CLOCK: 1 << 10,
+    MARKER_ARRAY: 4 << 20,
+}
+"""Most bytes of a message, by its type."""
+LARGEST_OF = {"task_description": 256 << 10, "episode_events": 64 << 10}
+"""The same of topics that need less than their type."""
+
+
 @dataclass(frozen=True)
 class Topic:
     """One line of the graph's contract: relative name, ROS type and quality of service."""
@@ -38,6 +51,11 @@ class Topic:
     name: str
     type: str
     qos: Qos
+
+    @property
+    def largest(self) -> int:
+        """Most bytes of a message; larger ones are refused before they are read or kept."""
+        return LARGEST_OF.get(self.name, LARGEST[self.type])
 
 
 STATE_QOS = Qos(depth=10, durability="transient_local")

@@ -6,5 +6,8 @@ ROS is loaded before an environment is made or the node starts.
 
 from gymnasium.envs.registration import register
 
-register("rled/PandaReach-v0", entry_point="rled_sim.faulty_env:make_reach", kwargs={"robot": "panda"})
-register("rled/PlanarReach-v0", entry_point="rled_sim.faulty_env:make_reach", kwargs={"robot": "planar"})
+ENVIRONMENTS = {"panda": "rled/PandaReach-v0", "planar": "rled/PlanarReach-v0"}
+"""Gymnasium's name of the environment of each robot that has one, by the robot's name."""
+
+for robot, name in ENVIRONMENTS.items():
+    register(name, entry_point="rled_sim.faulty_env:make_reach", kwargs={"robot": robot})

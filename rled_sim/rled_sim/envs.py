@@ -10,6 +10,7 @@ from rled_msgs_py.errors import RledError
 from rled_msgs_py.limits import NO_LIMITS, Limits
 from rled_msgs_py.task import Reward
 
+from rled_sim.action import action_array, refuse_options
 from rled_sim.robots import robot_named
 from rled_sim.simulation import Simulation
 from rled_sim.tasks import reach_task
@@ -24,6 +25,10 @@ class ReachEnv(gymnasium.Env[Floats, Floats]):
     Action: joint displacements Δq (rad), shape (n,), within ±Δq_max. Observation: ``TaskDescription.observe``. ``info``
     has ``targets_reached``, ``violations`` and ``risky``, with motors ``contacts``, the pairs that touch, and where a
     limit forbade the action ``refused``, its name: the robot stayed where it was, and the step counts.
+
+    ``copy.deepcopy`` and ``pickle`` give an environment with a world of its own in the same state, as a tree search
+    wants it: with motors that touch something the two agree within rounding, else bit for bit. One with a window
+    refuses. An environment that nobody holds any more is closed.
     """
 
     metadata: ClassVar[dict[str, Any]] = {"render_modes": ["human", "rgb_array"], "render_fps": 50}
@@ -75,7 +80,11 @@ class ReachEnv(gymnasium.Env[Floats, Floats]):
         self.task = task.description
         self._period = self.task.period * 1e-9
         world = World(chosen, transition, self._period, gui)
-        self.simulation = Simulation(world, task, start_joints)
+        try:
+            self.simulation = Simulation(world, task, start_joints)
+        except BaseException:
+            world.close()
+            raise
         self._axes, self._relative = self.task.axes, self.task.observation == "displacement_and_joints"
         lower, upper = self.task.observation_bounds()
         self.observation_space = gymnasium.spaces.Box(lower.astype(np.float32), upper.astype(np.float32))
@@ -83,15 +92,27 @@ class ReachEnv(gymnasium.Env[Floats, Floats]):
         self.action_space = gymnasium.spaces.Box(-most, most, (self.task.action_size,), np.float32)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Floats, dict[str, Any]]:
-        """Begin an episode; a seed begins the random draws anew."""
+        """Begin an episode; a seed begins the random draws anew.
+
+        Raises:
+            RledError: the environment is closed, or an option is asked for; there is none.
+        """
+        self.simulation.world.require_open()
+        refuse_options(options)
         super().reset(seed=seed)
         self.simulation.reset(self.np_random)
         self._show()
         return self._observation(), self._info()
 
     def step(self, action: Floats) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
-        """Displace the joints by ``action`` (rad), shape (n,)."""
-        reward, terminated, truncated = self.simulation.step(action.tolist())
+        """Displace the joints by ``action`` (rad), shape (n,).
+
+        Raises:
+            RledError: the environment is closed or was not reset, or the action is not n finite numbers.
+        """
+        self.simulation.world.require_open()
+        delta = action_array(action, self.task.action_size).tolist()
+        reward, terminated, truncated = self.simulation.step(delta)
         if self.render_mode == "human":
             self._show()
         return self._observation(), reward, terminated, truncated, self._info()
@@ -100,6 +121,7 @@ class ReachEnv(gymnasium.Env[Floats, Floats]):
         """A picture, shape (480, 640, 3); nothing in the mode ``human``, whose window is always up to date."""
         if self.render_mode != "rgb_array":
             return None
+        self.simulation.world.require_open()
         self.simulation.world.show_target(self.simulation.episode.target)
         return self.simulation.world.picture()
 

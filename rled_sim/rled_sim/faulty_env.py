@@ -6,6 +6,7 @@ import gymnasium
 import numpy as np
 from rled_msgs_py.errors import RledError
 
+from rled_sim.action import action_array
 from rled_sim.envs import Floats, ReachEnv
 from rled_sim.faults import NO_FAULTS, Faults, Line
 from rled_sim.robots import robot_named
@@ -47,7 +48,7 @@ class FaultyReach(gymnasium.Wrapper[Floats, Floats, Floats, Floats]):
     def step(self, action: Floats) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
         """Send ``action`` (rad), shape (n,), and take what arrives; where none does, the robot stays."""
         most = self._task.max_delta
-        sent = np.clip(np.asarray(action, dtype=np.float64), -most, most)
+        sent = np.clip(action_array(action, self._task.action_size), -most, most)
         arrived = self._line.act(sent.tolist()) or np.zeros_like(sent)
         _, reward, terminated, truncated, info = self.env.step(np.asarray(arrived))
         observation, paid = self._seen(float(reward))
@@ -62,7 +63,11 @@ class FaultyReach(gymnasium.Wrapper[Floats, Floats, Floats, Floats]):
 def make_reach(*, faults: Faults = NO_FAULTS, **options: Any) -> gymnasium.Env[Floats, Floats]:
     """``ReachEnv``, behind a faulty line if there are faults."""
     env = ReachEnv(**options)
-    return FaultyReach(env, faults) if faults.any else env
+    try:
+        return FaultyReach(env, faults) if faults.any else env
+    except BaseException:
+        env.close()
+        raise
 
 
 make_reach.metadata = ReachEnv.metadata  # type: ignore[attr-defined]  # where gymnasium.make looks for it

@@ -71,13 +71,18 @@ def rotation_about(axis: NDArray[np.float64], angle: float) -> NDArray[np.float6
 
 def _joints_by_child(text: str) -> dict[str, Joint]:
     try:
-        joints = [_joint(element) for element in ElementTree.fromstring(text).findall("joint")]
+        joints = [joint_of(element) for element in ElementTree.fromstring(text).findall("joint")]
     except (ElementTree.ParseError, ValueError, AttributeError) as error:
         raise RledError(f"the robot description is no URDF ({error})", "URDF text") from None
     return {joint.child: joint for joint in joints}
 
 
-def _joint(element: ElementTree.Element) -> Joint:
+def joint_of(element: ElementTree.Element) -> Joint:
+    """A joint from its element.
+
+    Raises:
+        ValueError: a number that cannot be read.
+    """
     origin, axis, limit = (_attributes(element, tag) for tag in ("origin", "axis", "limit"))
     direction = _numbers(axis.get("xyz", "1 0 0"))
     return Joint(

@@ -5,8 +5,7 @@ limited, braking is not, since the answer to a refusal is to stand still, the ha
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +18,8 @@ from rled_sim.commands import ROUNDING, Code, Refused, too_large
 from rled_sim.kinematics import Chain
 
 Array = NDArray[np.float64]
+Rule = tuple[Callable[..., "Refused | None"], tuple[Any, ...]]
+"""How a motion is judged, and what by; called with guard, what by, and motion."""
 Touches = Callable[[Array], Mapping[tuple[str, str], float]]
 """From joint angles (rad) to what would touch, a link of the robot and the other body, and how deep (m)."""
 
@@ -62,18 +63,19 @@ class Guard:
             raise RledError("limits of the end effector", "a kinematic chain", "give the guard one")
         self._rules = list(self._rules_of(chain, touches))
 
-    def _rules_of(self, chain: Chain | None, touches: Touches | None) -> Iterator[Callable[[Motion], Refused | None]]:
+    def _rules_of(self, chain: Chain | None, touches: Touches | None) -> Iterator[Rule]:
+        """Unbound, so that nothing refers to itself: a world that is dropped is then closed at once."""
         limits = self._limits
         if limits.joint_lower:
-            yield partial(self._judge_range, np.array(limits.joint_lower), np.array(limits.joint_upper))
+            yield Guard._judge_range, (np.array(limits.joint_lower), np.array(limits.joint_upper))
         if limits.velocity:
-            yield partial(self._judge_velocity, np.array(limits.velocity))
+            yield Guard._judge_velocity, (np.array(limits.velocity),)
         if limits.acceleration:
-            yield partial(self._judge_acceleration, np.array(limits.acceleration))
+            yield Guard._judge_acceleration, (np.array(limits.acceleration),)
         if chain is not None and (limits.tip_lower or limits.keep_out):
-            yield partial(self._judge_tip, chain)
+            yield Guard._judge_tip, (chain,)
         if touches is not None and limits.collisions:
-            yield partial(self._judge_collisions, touches)
+            yield Guard._judge_collisions, (touches,)
 
     def judge(self, q: ArrayLike, previous: ArrayLike, delta: ArrayLike) -> Refused | None:
         """Why a displacement must not be carried out; None when it may.
@@ -95,7 +97,7 @@ class Guard:
         refused = too_large(motion.delta, self._task.max_delta)
         if refused is not None or not any(motion.delta.tolist()):
             return refused
-        return next((found for rule in self._rules if (found := rule(motion)) is not None), None)
+        return next((found for rule, given in self._rules if (found := rule(self, *given, motion)) is not None), None)
 
     def _judge_range(self, lower: Array, upper: Array, motion: Motion) -> Refused | None:
         after = motion.q + motion.delta

@@ -8,6 +8,7 @@ from pathlib import Path
 from pybullet_data import getDataPath
 from rled_msgs_py.errors import RledError
 
+from rled_sim.description import publishable
 from rled_sim.joints import Joint, joints_to
 from rled_sim.kinematics import Chain
 
@@ -55,8 +56,8 @@ class Robot:
 
     @cached_property
     def description(self) -> str:
-        """Text of the URDF."""
-        return self.urdf.read_text(encoding="utf-8")
+        """URDF text as it is published: it stands on ``world``, and what is held is fixed."""
+        return publishable(self.urdf, self.joint_names, self.held)
 
     @cached_property
     def chain(self) -> Chain:

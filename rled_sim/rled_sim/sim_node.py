@@ -6,15 +6,16 @@ from functools import partial
 from threading import Event
 from typing import Any
 
-from rclpy.clock import Clock, ClockType
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.time import Time
+from rled_msgs_py.callbacks import every, serve
+from rled_msgs_py.episode_begin import say_begin
 from rled_msgs_py.errors import ContractError, RledError
 from rled_msgs_py.life import advertise_in_time, offer_life
 from rled_msgs_py.messages import encode
-from rled_msgs_py.node import advertise, declare, run_node, spin, subscribe
+from rled_msgs_py.node import advertise, declare, on_set, run_node, spin, subscribe
 from rled_msgs_py.records import DeltaCommand, PoseSample, Record, Text
 from rled_msgs_py.tick import STATE_TOPICS, Tick
 from rled_msgs_py.topics import (
@@ -64,7 +65,7 @@ class SimNode(Node):
             self._simulation, params.rules(), params.seed, self._publish, self._report.accepted, params
         )
         self._seed: int | None = None  # set since the last reset, be it to the same value
-        self.add_post_set_parameters_callback(self._on_set)
+        on_set(self, self._on_set)
         self._outputs = [self._advertise_state(topic, params) for topic in STATE_TOPICS]
         self._clock_output, self._marker_output = advertise(self, CLOCK_TOPIC), advertise(self, MARKERS)
         self._health_output = advertise(self, DIAGNOSTICS)
@@ -100,17 +101,16 @@ class SimNode(Node):
         return list(outputs.values())
 
     def _serve(self) -> None:
-        self.create_service(Trigger, "~/reset", self._on_reset)
-        self.create_service(SetBool, "~/pause", self._on_pause)
-        self.create_service(SetBool, "~/estop", self._on_estop)
+        serve(self, Trigger, "~/reset", self._on_reset)
+        serve(self, SetBool, "~/pause", self._on_pause)
+        serve(self, SetBool, "~/estop", self._on_estop)
 
     def _start_timers(self, params: SimParams) -> None:
-        steady = Clock(clock_type=ClockType.STEADY_TIME)  # its own simulation time would wait for itself
-        self._health_timer = self.create_timer(1.0, self._report_health, clock=steady)
+        self._health_timer = every(self, 1.0, self._report_health)
         if params.marker_rate > 0.0:
-            self.create_timer(1.0 / params.marker_rate, self._draw, clock=steady)
+            every(self, 1.0 / params.marker_rate, self._draw)
         if params.mode == "real_time":
-            self.create_timer(params.period, self._driver.timer, clock=steady)
+            every(self, params.period, self._driver.timer)
 
     def _publish(self, tick: Tick) -> None:
         self._clock_output.publish(ClockMessage(clock=Time(nanoseconds=tick.stamp).to_msg()))
@@ -161,7 +161,7 @@ class SimNode(Node):
             return response
         self._seed = None
         response.success = True
-        response.message = f"episode {self._driver.number} begins at {self._driver.stamp} ns"
+        response.message = say_begin(self._driver.number, self._driver.stamp)
         return response
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:

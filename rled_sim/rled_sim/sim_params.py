@@ -14,7 +14,7 @@ from rled_sim.faults import Faults, hidden_names
 from rled_sim.robots import ROBOTS, Robot, robot_named
 from rled_sim.simulation import Simulation
 from rled_sim.starts import marked_joints
-from rled_sim.tasks import MOST_SPREAD, reach_task
+from rled_sim.tasks import MOST_SPREAD, reach_task, require_task
 from rled_sim.world import World
 
 
@@ -77,7 +77,9 @@ class SimParams(Faults, _OwnParams):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        hidden_names(self.hidden, robot_named(self.robot).joint_names)
+        robot = robot_named(self.robot)
+        require_task(robot.name)
+        hidden_names(self.hidden, robot.joint_names)
 
     def rules(self) -> Rules:
         """What of them the driver needs."""
@@ -103,7 +105,11 @@ def simulation_of(params: SimParams) -> Simulation:
     )
     starts = marked_joints(Path(params.start_points), task.description) if params.start_points else None
     world = World(robot, params.transition, task.description.period * 1e-9, params.gui)  # type: ignore[arg-type]
-    return Simulation(world, task, starts)
+    try:
+        return Simulation(world, task, starts)
+    except BaseException:
+        world.close()
+        raise
 
 
 def limits_of(params: SimParams, robot: Robot) -> Limits:

@@ -44,6 +44,7 @@ class Simulation:
         self._starts = [world.home] if start_joints is None else start_points(start_joints, task.description)
         self._max_delta, self._size = task.description.max_delta, task.description.action_size
         self._guard = self._make_guard()
+        self._rng: np.random.Generator | None = None
         self.refused: Refused | None = None
         self._previous: Sequence[float] = [0.0] * self._size
 
@@ -65,8 +66,10 @@ class Simulation:
         led nowhere, and nobody waits for a lawful one.
 
         Raises:
-            RledError: another number of joints, a NaN or an infinity.
+            RledError: another number of joints, a NaN or an infinity, or no episode has begun.
         """
+        if self._rng is None:
+            raise RledError("no episode has begun", "", "call reset first")
         if len(delta) != self._size or not math.isfinite(sum(delta)):
             raise RledError(f"displacement {list(delta)}", f"{self._size} finite numbers (rad)")
         most = self._max_delta

@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from rled_msgs_py.errors import RledError
-from rled_msgs_py.records import order_by_name
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.topics import MARKED_JOINT_STATES
 
@@ -39,7 +38,7 @@ def marked_joints(bag: Path, task: TaskDescription) -> NDArray[np.float64]:
     demonstration = Bag(bag)
     task.require_same_robot(demonstration.task, f"bag {bag}")
     table = demonstration.joints(MARKED_JOINT_STATES)
-    if not len(table.position):
+    joints: NDArray[np.float64] = table.ordered(task.joint_names).position if len(table.position) else table.position
+    if not len(joints):
         raise RledError(f"bag {bag} has no marked points", "a bag recorded with them", "record one with record_demos")
-    joints: NDArray[np.float64] = table.position[:, order_by_name(table.names, task.joint_names, f"bag {bag}")]
     return joints

@@ -148,6 +148,17 @@ def planar_risk(q: Sequence[float], position: Point) -> bool:
     return not KEEP_OUT <= math.hypot(position[0], position[1]) <= REACH or abs(q[0]) > TURN
 
 
+def require_task(robot: str) -> None:
+    """Refuse a robot that nothing is asked of.
+
+    Raises:
+        ContractError: says which robots have a task, and how another gets one.
+    """
+    if robot not in TASKS:
+        remedy = f"to give it one, write a function in {__name__} and name it in TASKS"
+        raise ContractError(f"robot '{robot}' has no task", f"a robot that has one: {', '.join(TASKS)}", remedy)
+
+
 def reach_task(
     robot: Robot,
     *,
@@ -171,11 +182,12 @@ def reach_task(
             not look whether the robot reaches so far.
 
     Raises:
-        ContractError: limits of another number of joints, or a spread that is no length.
+        ContractError: a robot without a task, limits of another number of joints, or a spread that is no length.
     """
+    require_task(robot.name)
     if not 0.0 <= target_spread <= MOST_SPREAD:
         raise ContractError(f"target_spread is {target_spread}", f"0 to {MOST_SPREAD:g} m")
-    task = _panda(robot) if robot.name == "panda" else _planar(robot)
+    task = TASKS[robot.name](robot)
     options = {
         "reward": reward,
         "targets_per_episode": targets_per_episode,
@@ -219,6 +231,10 @@ def _planar(robot: Robot) -> ReachTask:
     )
     curve = lemniscate(400, centre=(0.65, 0.0, 0.1), along=(0.0, 0.25, 0.0), across=(0.25, 0.0, 0.0))
     return ReachTask(description, curve, planar_risk, penalty=1.0)
+
+
+TASKS: dict[str, Callable[[Robot], ReachTask]] = {"panda": _panda, "planar": _planar}
+"""The task of each robot that has one, by the robot's name."""
 
 
 def _describe(robot: Robot, **settings: Any) -> TaskDescription:

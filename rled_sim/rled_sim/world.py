@@ -1,9 +1,13 @@
 """The simulated world, and the only module that imports PyBullet."""
 
+import contextlib
 import math
 import os
 import sys
+import tempfile
+import weakref
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -28,6 +32,8 @@ LEASH = 2.0
 """Furthest that a motor's set point runs ahead of its joint, in units of Δq_max: a blocked joint must not wind up."""
 TOUCHING = 1e-3
 """Distance below which two bodies touch (m)."""
+OF_A_CLIENT = {"_client", "_end", "_target", "_ghost"}
+"""What belongs to one PyBullet client, and to no copy."""
 PICTURE = (640, 480)
 """Width and height of a rendered picture."""
 
@@ -45,6 +51,8 @@ class World:
     ``kinematic`` is Eq. 4.28: the joints are put at clip(q + Δq) and the tool's pose is read. ``motors`` moves the
     set point of position motors by Δq and lets the physics run for one period, with gravity, the URDF's velocity and
     torque limits and contacts; the set point is what is displaced, so that a robot told to stay does not sag.
+
+    A world that nobody holds any more is closed. Copied or unpickled it is another one in the same state.
 
     Attributes:
         robot: the robot.
@@ -67,11 +75,19 @@ class World:
         """
         self.home = list(robot.home)
         self.robot, self._period, self._kinematic = robot, period, transition == "kinematic"
-        self._lower, self._upper = robot.lower, robot.upper
-        self._client = _connect(gui)
+        self._lower, self._upper, self._gui = robot.lower, robot.upper, gui
+        self._open()
+
+    def _open(self) -> None:
+        self._client = _connect(self._gui)
+        self._end = weakref.finalize(self, _disconnect, self._client, os.getpid())
         self._target: int | None = None
         self._ghost: World | None = None
-        self._load()
+        try:
+            self._load()
+        except BaseException:
+            self.close()
+            raise
 
     def _load(self) -> None:
         p, client = pybullet, self._client
@@ -91,6 +107,52 @@ class World:
         for contact in self._touching():
             # Links of one rigid body whose shapes overlap in the URDF would report a contact for ever.
             p.setCollisionFilterPair(self._body, self._body, contact[3], contact[4], 0, client)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What another world needs to be in the same state.
+
+        Raises:
+            RledError: this one has a window, or is closed.
+        """
+        if self._gui:
+            raise RledError("a world with a window is not copied", "", "copy one without render_mode 'human'")
+        self.require_open()
+        state = {name: each for name, each in self.__dict__.items() if name not in OF_A_CLIENT}
+        return state if self._kinematic else state | {"physics": self._saved()}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Open a world in that state."""
+        physics = state.pop("physics", None)
+        self.__dict__.update(state)
+        self._open()
+        self.__dict__.update(state)  # what loading has put at home
+        if physics is None:
+            self._displace()
+        else:
+            self._restore(physics)
+        self._read_tip()
+
+    def _saved(self) -> bytes:
+        """Positions, velocities and contacts of all bodies, as PyBullet writes them."""
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder, "state.bullet")
+            pybullet.saveBullet(str(path), physicsClientId=self._client)
+            return path.read_bytes()
+
+    def _restore(self, physics: bytes) -> None:
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder, "state.bullet")
+            path.write_bytes(physics)
+            pybullet.restoreState(fileName=str(path), physicsClientId=self._client)
+
+    def require_open(self) -> None:
+        """Refuse what needs an open world.
+
+        Raises:
+            RledError: it is closed.
+        """
+        if self._client < 0:
+            raise RledError("the environment is closed", "an open one", "make it again")
 
     def place(self, q: Sequence[float]) -> None:
         """Put the robot at rest at joint angles (rad), n of them."""
@@ -222,9 +284,15 @@ class World:
         """Close the world; a second call does nothing."""
         if self._ghost is not None:
             self._ghost.close()
-        if self._client >= 0:
-            pybullet.disconnect(self._client)
-            self._client = -1
+        self._end()
+        self._client = -1
+
+
+def _disconnect(client: int, process: int) -> None:
+    """Free a client's memory; a forked process leaves alone what is its parent's."""
+    if os.getpid() == process:
+        with contextlib.suppress(pybullet.error):  # its window was closed by hand
+            pybullet.disconnect(client)
 
 
 def has_display() -> bool:

@@ -1,16 +1,21 @@
 """All messages of a bag as they lie in it, serialized, in the order of their log times."""
 
+import re
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 from rled_msgs_py.bags.folder import open_files
+from rled_msgs_py.bags.metadata import offered
 from rled_msgs_py.bags.storage import BagTopic
 from rled_msgs_py.bags.stream import stream
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.topics import Qos
+
+MAX_DEPTH = 10_000
+"""Messages that are kept for slow readers at the most; DDS makes room for them."""
+_MESSAGE_TYPE = re.compile(r"[a-z][a-z0-9_]*/msg/[A-Z][A-Za-z0-9]*")
 
 
 class Recording(NamedTuple):
@@ -55,15 +60,20 @@ def read_recording(path: Path) -> Recording:
 
     Raises:
         BagError: the bag is missing, unfinished, damaged or foreign.
-        RledError: it is empty.
+        RledError: it holds no messages of ROS.
     """
     files, _ = open_files(path)
-    messages, places = list(stream(files)), dict[BagTopic, int]()
+    messages, places = list(stream(files, is_of_ros)), dict[BagTopic, int]()
     if not messages:
         raise RledError(f"{path} holds no messages", "a recorded bag", "record it again")
     topic = [places.setdefault(each.topic, len(places)) for each in messages]
     times = np.array([each.log_time for each in messages], np.int64)
     return Recording([*places], times, topic, [each.data for each in messages])
+
+
+def is_of_ros(topic: BagTopic) -> bool:
+    """Whether a topic can travel over ROS; bags have others too, as in JSON."""
+    return topic.encoding == "cdr" and bool(_MESSAGE_TYPE.fullmatch(topic.type))
 
 
 def is_latched(qos: Qos) -> bool:
@@ -72,13 +82,13 @@ def is_latched(qos: Qos) -> bool:
 
 
 def quality(topic: BagTopic) -> Qos:
-    """The quality of service that a topic was published with; the default where the bag does not say."""
-    try:
-        profile = yaml.safe_load(topic.qos)[0]
-        return Qos(
-            max(1, int(profile["depth"])),
-            "best_effort" if profile["reliability"] in ("best_effort", 2) else "reliable",
-            "transient_local" if profile["durability"] in ("transient_local", 1) else "volatile",
-        )
-    except (yaml.YAMLError, LookupError, TypeError, ValueError):
+    """The quality of service that a topic was published with; what the bag does not say is the default."""
+    profile = next(iter(offered(topic.qos)), {})
+    depth = profile.get("depth")
+    if type(depth) is not int or not {"reliability", "durability"} <= profile.keys():
         return Qos(depth=10)
+    return Qos(
+        min(max(1, depth), MAX_DEPTH),
+        "best_effort" if profile["reliability"] in ("best_effort", 2) else "reliable",
+        "transient_local" if profile["durability"] in ("transient_local", 1) else "volatile",
+    )

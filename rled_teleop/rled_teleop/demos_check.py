@@ -5,7 +5,11 @@ from pathlib import Path
 
 import tyro
 from rled_msgs_py.bags import Bag, Review, review
-from rled_msgs_py.bags.faults import NO_ORDER, Fault
+from rled_msgs_py.bags.faults import CLOCK_JUMP, LOST, NO_ORDER, Fault
+from rled_msgs_py.errors import command
+from rled_msgs_py.tick import STATE_TOPICS
+
+from rled_teleop.summary import counted
 
 
 @dataclass(frozen=True)
@@ -17,15 +21,18 @@ class Check:
 
     def run(self) -> int:
         """Check the bag; returns the exit code."""
-        bag = Bag(self.bag)
+        bag = Bag(self.bag, 1)
         for _ in bag.messages():  # every checksum and every count
             pass
         found = review(bag)
+        if bag.note:
+            print(bag.note)
         for fault in found.faults:
             print(line_of(fault, found, self.bag))
-        if not found.faults:
-            print(f"{self.bag}: no faults in {bag.message_count} messages, {len(found.episodes)} episodes")
-        return 1 if found.faults else 0
+        if not (found.faults or bag.note):
+            messages, episodes = counted(bag.message_count, "message"), counted(len(found.episodes), "episode")
+            print(f"{self.bag}: no faults in {messages}, {episodes}")
+        return 1 if found.faults or bag.note else 0
 
 
 def line_of(fault: Fault, found: Review, path: Path) -> str:
@@ -38,18 +45,37 @@ def line_of(fault: Fault, found: Review, path: Path) -> str:
 
 
 def remedy(fault: Fault, found: Review, path: Path) -> str:
-    """The command that leaves a faulty part out."""
-    numbers = found.episodes_of(fault)
-    begin, end = found.seconds(fault.first), found.seconds(fault.last)
-    if fault.kind == NO_ORDER and end > begin:
-        where = f"{(begin + end) / 2.0:.3f}"
-        return f"keep one part with: demos trim {path} --to {where} --output NEW (or --from {where})"
-    if numbers and len(numbers) < len(found.episodes):
-        chosen = ",".join(map(str, numbers))
-        return f"leave it out with: demos drop {path} --episodes {chosen} --output NEW"
-    if begin > 0.0:
-        return f"keep what is before it with: demos trim {path} --to {begin:.3f} --output NEW"
-    return f"keep what is after it with: demos trim {path} --from {end + 0.001:.3f} --output NEW, or record it again"
+    """The command that leaves a faulty part out and keeps the most."""
+    moments = found.line.moments
+    trim, drop = (command("demos", each, path) for each in ("trim", "drop"))
+    if fault.kind == NO_ORDER or found.line.is_anew[moments == fault.last].any():  # both sides cannot stay in one bag
+        where = found.seconds((fault.first + fault.last) // 2)
+        last = found.seconds(int(moments[-1])) if len(moments) else 0.0
+        side = f"--to {_seconds(where)}" if where > last - where else f"--from {_seconds(where)}"
+        return f"keep the longer part with: {trim} {side} --output NEW"
+    before, after = moments[moments < fault.first], moments[moments > fault.last]
+    if is_between_ticks(fault):  # which are sound themselves
+        before, after = moments[moments <= fault.first], moments[moments >= fault.last]
+    begin = found.seconds(int(before[-1]) + found.period // 2) if len(before) else None
+    end = found.seconds(int(after[0]) - found.period // 2) if len(after) else None
+    if begin is not None and end is not None:
+        stretch = f"--from {_seconds(min(begin, end))} --to {_seconds(max(begin, end))}"
+        return f"leave it out with: {drop} {stretch} --output NEW"
+    if begin is not None:
+        return f"keep what is before it with: {trim} --to {_seconds(begin)} --output NEW"
+    if end is not None:
+        return f"keep what is after it with: {trim} --from {_seconds(end)} --output NEW"
+    return "record it again"
+
+
+def is_between_ticks(fault: Fault) -> bool:
+    """Whether a fault is told by the last sound tick before it and the first one after it."""
+    return fault.kind == CLOCK_JUMP or (fault.kind == LOST and len(fault.topics) == len(STATE_TOPICS))
+
+
+def _seconds(value: float) -> str:
+    """To the microsecond, as short as it is."""
+    return f"{value:.6f}".rstrip("0").rstrip(".")
 
 
 def _episodes(numbers: list[int]) -> str:

@@ -9,7 +9,9 @@ import numpy as np
 import tyro
 from rled_msgs_py.bags import Bag, Review, review
 from rled_msgs_py.bags.faults import LOST
-from rled_msgs_py.bags.series import Floats, Series, fallen_back
+from rled_msgs_py.bags.series import Floats, Series
+from rled_msgs_py.bags.stamps import fallen_back
+from rled_msgs_py.errors import command
 from rled_msgs_py.messages import NANOSECONDS
 from rled_msgs_py.topics import JOINT_DELTA
 
@@ -71,7 +73,7 @@ def text_of(described: dict[str, Any]) -> str:
     """The same as tables."""
     head = "{bag}: robot {robot}, task {task}, {messages} messages, {seconds} s".format(**described)
     loss = "{unanswered} states without an answer, {lost} losses, {faults} faults".format(**described)
-    more = f" (see: demos check {described['bag']})" if described["faults"] else ""
+    more = f" (see: {command('demos', 'check', described['bag'])})" if described["faults"] else ""
     share = f"coverage: {described['coverage']:.1%} of the cells of the demonstrated box"
     tables = [_table(described[name]) for name in ("topics", "episodes") if described[name]]
     return "\n\n".join([head, tables[0] if tables else "", loss + more + "\n" + share, *tables[1:]])

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+from rled_msgs_py.awaiting import brought_by
+from rled_msgs_py.callbacks import every
 from rled_msgs_py.command_output import CommandOutput
 from rled_msgs_py.errors import ContractError, RledError
 from rled_msgs_py.life import keeps_time
@@ -93,6 +94,12 @@ class Driving:
         """Whether somebody else answers, and this only takes over."""
         return self._beside_agent
 
+    def awaited(self) -> str:
+        """What is waited for before anything can move; empty when nothing is."""
+        if self.jog is None:
+            return brought_by(self._node, "sim_node", f"{TASK_DESCRIPTION.name} and {ROBOT_DESCRIPTION.name}")
+        return brought_by(self._node, "sim_node", JOINT_STATES.name) if self.tick is None else ""
+
     def stand(self, beside_agent: bool) -> None:
         """Answer alone from now on, or stand beside an agent; the other topic's publisher stays, and is silent."""
         if beside_agent != self._beside_agent:
@@ -120,7 +127,7 @@ class Driving:
 
     def start_timer(self, look: Callable[[], None]) -> None:
         """Call ``look`` by the wall clock."""
-        self._node.create_timer(LOOK, look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        every(self._node, LOOK, look)
 
     def _answer(self, jog: Jog, tick: Tick) -> None:
         self._is_answered = True

@@ -37,9 +37,9 @@ class Shown(NamedTuple):
     recorder: str
 
 
-def waiting_screen(recorder: str) -> list[str]:
+def waiting_screen(awaited: str, recorder: str) -> list[str]:
     """Lines to show before there is a simulation."""
-    return [RULE, "waiting for a simulation ...", f"recorder: {recorder}", RULE, *HELP]
+    return [RULE, f"waiting for {awaited}", f"recorder: {recorder}", RULE, *HELP]
 
 
 def screen(keyboard: Keyboard, shown: Shown) -> list[str]:
@@ -63,7 +63,9 @@ def screen(keyboard: Keyboard, shown: Shown) -> list[str]:
 
 
 def describe(keyboard: Keyboard, task: TaskDescription, motion: Motion | None) -> str:
-    """What is moved, in words."""
+    """What is moved, or why a key moves nothing, in words."""
+    if keyboard.refused:
+        return keyboard.refused
     if motion is None:
         return f"still (joint {keyboard.joint + 1}: {task.joint_names[keyboard.joint]})"
     if motion.joint is not None:

@@ -73,13 +73,14 @@ class Keyboard:
         joints: of the robot.
         joint: the chosen one.
         speed: place in ``SPEEDS``.
+        refused: why the newest key did nothing; empty for one that did something.
     """
 
     def __init__(self, joints: int, timeout: float) -> None:
         self.joints, self._timeout = joints, timeout
         self._motion: Motion | None = None
         self._until = -np.inf
-        self.joint, self.speed = 0, SPEEDS.index(1 / 4)
+        self.joint, self.speed, self.refused = 0, SPEEDS.index(1 / 4), ""
 
     @property
     def share(self) -> float:
@@ -88,6 +89,7 @@ class Keyboard:
 
     def press(self, key: str, now: float) -> Request | None:
         """Take a key at a time (s): a motion, a setting, a request that is handed back; any other key stops."""
+        self.refused = ""
         if key in REQUESTS:
             self.stop()
             return REQUESTS[key]
@@ -99,9 +101,15 @@ class Keyboard:
             self.speed = min(max(self.speed + (1 if key in FASTER else -1), 0), len(SPEEDS) - 1)
         else:
             self.stop()
-            if key.isascii() and key.isdigit() and 1 <= int(key) <= self.joints:
-                self.joint = int(key) - 1
+            if key.isascii() and key.isdigit():
+                self._choose(int(key))
         return None
+
+    def _choose(self, number: int) -> None:
+        if 1 <= number <= self.joints:
+            self.joint = number - 1
+        else:
+            self.refused = f"there is no joint {number}: 1 to {self.joints}"
 
     def stop(self) -> None:
         """Let go of every key."""

@@ -6,12 +6,15 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 from rled_msgs_py.errors import RledError
+from rled_msgs_py.foreign import read_text, read_yaml
 from rled_msgs_py.records import JointSample
 
 Vector = NDArray[np.float64]
+
+DEFAULTS = {"scale": 1.0, "offset": 0.0}
+FORM = "{joint: {name: device_joint, scale: 1.0, offset: 0.0}, ...}, or a file of that ending in .yaml"
 
 
 class JointMap(NamedTuple):
@@ -50,10 +53,15 @@ class RecordingMapping:
             RledError: no such file, no YAML, a joint that the robot has not, or a value that is no number.
         """
         entries = _parse(text)
-        unknown = sorted(set(entries) - set(joints))
+        unknown = sorted(str(each) for each in set(entries) - set(joints))
         if unknown:
-            raise RledError(f"the mapping names {', '.join(unknown)}", ", ".join(joints))
+            raise RledError(f"the mapping names {', '.join(unknown):.200}", ", ".join(joints))
         return RecordingMapping(joints, tuple(_joint_map(joint, entries.get(joint, {})) for joint in joints))
+
+    @property
+    def device_joints(self) -> tuple[str, ...]:
+        """Joints of the device that are used, each once."""
+        return tuple(dict.fromkeys(each.name for each in self.maps))
 
     def robot_joints(self, device: JointSample) -> Vector:
         """Joint angles of the robot (rad), shape (n,), for a sample of the device.
@@ -71,28 +79,42 @@ class RecordingMapping:
         with np.errstate(over="ignore"):  # asked about below
             mapped: Vector = np.array([each.scale for each in self.maps]) * angles + [each.offset for each in self.maps]
         if not np.isfinite(mapped).all():
-            raise RledError(f"the device is at {angles.tolist()}", "angles whose image is finite")
+            place = int(np.flatnonzero(~np.isfinite(mapped))[0])
+            what = f"the device is at {angles[place]} with its joint {self.maps[place].name}"
+            raise RledError(what, "angles whose image is finite")
         return mapped
 
 
 def _parse(text: str) -> dict[str, Any]:
-    try:
-        content = Path(text).read_text() if text.endswith((".yaml", ".yml")) else text
-        entries = yaml.safe_load(content) or {}
-    except OSError as error:
-        raise RledError(f"the mapping {text} cannot be read: {error.strerror}") from None
-    except yaml.YAMLError:
-        entries = None
+    what = "the mapping"
+    if text.endswith((".yaml", ".yml")):
+        what = f"the mapping {text}"
+        try:
+            text = read_text(Path(text), what)
+        except (OSError, ValueError) as error:
+            raise RledError(f"{what} cannot be read: {getattr(error, 'strerror', error)}") from None
+    entries = read_yaml(text, what)
+    if entries is None:
+        return {}
     if not isinstance(entries, dict):
-        raise RledError("the mapping is no YAML map", "{joint: {name: device_joint, scale: 1.0, offset: 0.0}, ...}")
+        raise RledError(f"{what} is no YAML map", FORM)
     return entries
 
 
 def _joint_map(joint: str, entry: Any) -> JointMap:
-    accepted = "name, scale, offset"
     if not isinstance(entry, Mapping) or not set(entry) <= set(JointMap._fields):
-        raise RledError(f"the mapping of {joint} is {entry}", accepted)
-    name, *numbers = entry.get("name", joint), entry.get("scale", 1.0), entry.get("offset", 0.0)
-    if not all(isinstance(each, int | float) and not isinstance(each, bool) and np.isfinite(each) for each in numbers):
-        raise RledError(f"the mapping of {joint} has scale {numbers[0]} and offset {numbers[1]}", "finite numbers")
-    return JointMap(str(name), *map(float, numbers))
+        raise RledError(f"the mapping of {joint} is {entry!s:.80}", "name, scale, offset")
+    name = entry.get("name", joint)
+    if not isinstance(name, str):
+        raise RledError(f"the mapping of {joint} has the name {name!s:.80}", "a text")
+    return JointMap(name, *(_number(joint, each, entry.get(each, default)) for each, default in DEFAULTS.items()))
+
+
+def _number(joint: str, what: str, value: Any) -> float:
+    try:
+        number = float(value) if isinstance(value, int | float) and not isinstance(value, bool) else np.nan
+    except OverflowError:
+        number = np.nan
+    if not np.isfinite(number):
+        raise RledError(f"the mapping of {joint} has {what} {value!s:.80}", "a finite number")
+    return number

@@ -1,7 +1,6 @@
 """Command: record a demonstration from the topics into a bag; with an operator named, everything is started."""
 
 import shlex
-import shutil
 import sys
 import time
 from collections.abc import Iterator
@@ -11,11 +10,13 @@ from threading import Event
 
 from rclpy.experimental import EventsExecutor
 from rled_msgs_py.bags import BagError, BagWriter
+from rled_msgs_py.bags.splitting import split
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.node import run_node
 from rled_msgs_py.processes import Child, Children, program
 from rled_msgs_py.topics import JOINT_DELTA, MARKED_JOINT_STATES
 from rled_sim.robots import robot_named
+from rled_sim.tasks import require_task
 
 from rled_teleop import __version__
 from rled_teleop.record_params import RecordParams
@@ -45,7 +46,8 @@ def record(node: Recorder, stop: Event) -> None:
             operator = _start(children, params) if params.operator != "none" else None
             _spin(node, stop, children, operator)
         node.finish()
-    print(summarise(folder))
+    for path in split(folder) if node.descriptions.warning else [folder]:
+        print(summarise(path))
     if operator is not None and stop.is_set():
         print("interrupted: the operator had not finished", file=sys.stderr)
         sys.exit(130)
@@ -67,10 +69,10 @@ def opened(bag: BagWriter) -> Iterator[BagWriter]:
         raise
     except RledError:
         if not (bag.counts[JOINT_DELTA.name] or bag.counts[MARKED_JOINT_STATES.name]):
-            shutil.rmtree(bag.path)
+            bag.remove()
         raise
     if not bag.counts.total():
-        shutil.rmtree(bag.path)
+        bag.remove()
         raise RledError("nothing was recorded", "", "is a simulation running in this ROS_DOMAIN_ID?")
 
 
@@ -78,7 +80,7 @@ def _checked(params: RecordParams) -> Path:
     if not params.output:
         raise RledError("no folder to record into", "--output FOLDER")
     if params.operator != "none":
-        robot_named(params.robot)
+        require_task(robot_named(params.robot).name)
     return Path(params.output)
 
 

@@ -6,23 +6,24 @@ from functools import partial
 from operator import attrgetter
 from typing import Any
 
-from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
+from rled_msgs_py.awaiting import brought_by, say_what_is_awaited
 from rled_msgs_py.bags import BagError, BagWriter
 from rled_msgs_py.bags.header import sim_stamp
+from rled_msgs_py.callbacks import every, listen, serve
 from rled_msgs_py.convert import MESSAGE_CLASSES, qos_profile
-from rled_msgs_py.errors import ContractError
-from rled_msgs_py.messages import decode, encode
+from rled_msgs_py.joint_halves import MAX_AGE
+from rled_msgs_py.messages import encode
 from rled_msgs_py.node import advertise, declare
 from rled_msgs_py.records import Health, Level, Text
-from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import STATE_TOPICS
 from rled_msgs_py.topics import (
     DIAGNOSTICS,
     EPISODE_EVENTS,
     HUMAN_JOINT_DELTA,
     JOINT_DELTA,
+    JOINT_STATES,
     MARKED_EE_POSE,
     MARKED_JOINT_STATES,
     RECORDED,
@@ -34,9 +35,11 @@ from rled_msgs_py.topics import (
 from std_srvs.srv import SetBool, Trigger
 
 from rled_teleop import __version__
+from rled_teleop.descriptions import Descriptions
 from rled_teleop.episodes import REACHED, About, Episodes, Refusal, count_of
 from rled_teleop.filing import WRITE_PERIOD, Filing
 from rled_teleop.opening import Early, Opening
+from rled_teleop.readable import Readable
 from rled_teleop.recent import Recent
 from rled_teleop.record_params import RecordParams, extra_topics
 
@@ -51,6 +54,10 @@ LAST_WORDS = Duration(seconds=1)  # for the last report to reach its subscribers
 class Recorder(Node):
     """Records topics into a bag, in episodes.
 
+    Attributes:
+        params: as given.
+        descriptions: of robot and task, as they come.
+
     Services: ``~/record`` (begin an episode, end it), ``~/keep`` and ``~/discard`` (the newest one), ``~/mark_pose``.
     """
 
@@ -58,18 +65,19 @@ class Recorder(Node):
         super().__init__("record_demos", **options)
         self.params = declare(self, RecordParams)
         self._topics = (*extra_topics(self.params.topics), *RECORDED)
-        self._recent = Recent()
+        self._recent, self.descriptions = Recent(), Descriptions()
         self._episodes = Episodes(About(self.params.operator_name or self.params.operator, __version__))
         self._described, self._is_awaited, self._opening = False, not self.params.paused, Opening()
         self._after = self._until = -1  # stamps of the newest tick when the episode began and when the last one ended
         self._silent: list[Topic] = []  # not listened to before somebody publishes there
         self._failure: BagError | None = None
+        self._readable = Readable(self.get_logger().warning)
         self._marks = (advertise(self, MARKED_JOINT_STATES), advertise(self, MARKED_EE_POSE))
         self._events, self._reports = advertise(self, EPISODE_EVENTS), advertise(self, DIAGNOSTICS)
-        self.create_service(SetBool, "~/record", self._on_record)
-        self.create_service(Trigger, "~/keep", partial(self._on_verdict, "keep"))
-        self.create_service(Trigger, "~/discard", partial(self._on_verdict, "discard"))
-        self.create_service(Trigger, "~/mark_pose", self._on_mark_pose)
+        serve(self, SetBool, "~/record", self._on_record)
+        serve(self, Trigger, "~/keep", partial(self._on_verdict, "keep"))
+        serve(self, Trigger, "~/discard", partial(self._on_verdict, "discard"))
+        serve(self, Trigger, "~/mark_pose", self._on_mark_pose)
 
     def begin(self, bag: BagWriter) -> None:
         """Record into an open bag.
@@ -78,12 +86,22 @@ class Recorder(Node):
         that can begin.
         """
         self._filing = Filing(bag, self._topics)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(WRITE_PERIOD, partial(self._safely, self._go_on), clock=steady)
-        self.create_timer(WRITE_PERIOD, self._listen_to_who_speaks, clock=steady)
-        self.create_timer(REPORT_PERIOD, self._report, clock=steady)
+        every(self, WRITE_PERIOD, partial(self._safely, self._go_on))
+        every(self, WRITE_PERIOD, self._listen_to_who_speaks)
+        every(self, REPORT_PERIOD, self._report)
+        say_what_is_awaited(self, self._awaited)
         for topic in DESCRIPTIONS:
             self._listen(topic)
+
+    def _awaited(self) -> str:
+        missing = [topic.name for topic in DESCRIPTIONS if self._recent.newest(topic) is None]
+        if not missing and self._is_awaited:
+            missing = [topic.name for topic in STATE_TOPICS if self._recent.newest(topic) is None]
+        if missing:
+            return brought_by(self, "sim_node", ", ".join(missing))
+        if self._is_awaited or self._episodes.running:
+            return ""
+        return f"{self.get_name()}/record: press b in teleop_keyboard, 'Begin episode' on the page, or call the service"
 
     def finish(self) -> None:
         """End the episode and write what is still held, but for the parts of a tick that is not complete."""
@@ -105,15 +123,21 @@ class Recorder(Node):
     def _listen(self, topic: Topic) -> None:
         received = partial(self._safely, self._received, topic)
         qos = qos_profile(replace(topic.qos, depth=HISTORY))
-        self.create_subscription(MESSAGE_CLASSES[topic.type], topic.name, received, qos, raw=True)
+        listen(self, MESSAGE_CLASSES[topic.type], topic.name, qos, received)
 
     def _received(self, topic: Topic, data: bytes) -> None:
+        if not self._readable.holds(topic, data):
+            return
         stamp = sim_stamp(topic.name, topic.type, data) or 0
-        if topic in TICKING and stamp < self._recent.stamp(topic):  # the simulation was restarted
+        slack = MAX_AGE if topic == JOINT_STATES else 0  # which may have several publishers
+        if topic in TICKING and stamp + slack < self._recent.stamp(topic):  # the simulation was restarted
             self._after = self._until = -1
         self._recent.add(topic, data)
         if topic == TASK_STATUS:
             self._episodes.observe(count_of(REACHED, data))
+        if topic in DESCRIPTIONS and not self.descriptions.take(topic, data):
+            self.get_logger().warning(self.descriptions.warning)
+            self._report()
         if topic in DESCRIPTIONS or self._belongs(topic, stamp):
             self._filing.take(topic, data)
         elif self._is_awaited and topic in TICKING:
@@ -143,11 +167,11 @@ class Recorder(Node):
         return stamp <= self._until or (self._episodes.running and stamp > self._after)
 
     def _listen_to_the_rest(self) -> None:
-        text = self._recent.newest(TASK_DESCRIPTION)
-        if self._described or text is None or self._recent.newest(ROBOT_DESCRIPTION) is None:
+        task = self.descriptions.task
+        if self._described or task is None or not self.descriptions.robot:
             return
         self._described = True
-        self._describe(text)
+        self._episodes.describe(task)
         self._silent = [topic for topic in self._topics if topic.qos.durability == "volatile"]
         for topic in self._topics:
             if topic not in (*self._silent, *DESCRIPTIONS, EPISODE_EVENTS):
@@ -165,14 +189,6 @@ class Recorder(Node):
         for topic in found:
             self._silent.remove(topic)
             self._listen(topic)
-
-    def _describe(self, text: bytes) -> None:
-        try:
-            description = decode(TASK_DESCRIPTION, text)
-            assert isinstance(description, Text)
-            self._episodes.describe(TaskDescription.from_json(description.data))
-        except ContractError as error:
-            self.get_logger().error(f"{TASK_DESCRIPTION.name}: {error}")
 
     def _go_on(self) -> None:
         """What is to be done again and again; called on messages too, because a burst of them keeps timers waiting."""
@@ -193,12 +209,13 @@ class Recorder(Node):
 
     def _report(self) -> None:
         doing = f"recording episode {self._episodes.number}" if self._episodes.running else "paused"
-        self._health(Level.OK, doing if self._described else "waiting for a simulation")
-        if not self._described:
-            self.get_logger().info("waiting for a simulation", throttle_duration_sec=5.0, skip_first=True)
+        doing = doing if self._described else "waiting for a simulation"
+        warning = self.descriptions.warning if self._described else ""
+        self._health(Level.WARN if warning else Level.OK, f"{doing}; {warning}" if warning else doing)
 
     def _health(self, level: Level, message: str) -> None:
         values = {"episode": str(self._episodes.number), "messages": str(self._filing.kept)}
+        values |= {f"unreadable {name}": str(count) for name, count in self._readable.refused.items()}
         now = self.get_clock().now().nanoseconds
         self._reports.publish(encode(DIAGNOSTICS, Health(now, level, "record_demos: bag", message, values)))
 
@@ -242,7 +259,8 @@ class Recorder(Node):
         return response
 
     def _on_mark_pose(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        pose = self._recent.pose()
+        task = self.descriptions.task
+        pose = self._recent.pose(task.joint_names) if task else None
         response.success = pose is not None and self._episodes.running
         response.message = "marked" if response.success else "paused" if pose else "no state received yet"
         if pose is not None and response.success:

@@ -1,8 +1,10 @@
-"""The recorder's services, called without waiting for the answer."""
+"""The recorder's services, asked without waiting for the answer."""
 
 from typing import Any
 
 from rclpy.node import Node
+from rled_msgs_py.client import Client
+from rled_msgs_py.errors import RledError, shortened
 from std_srvs.srv import SetBool, Trigger
 
 from rled_teleop.keys import Request
@@ -14,6 +16,9 @@ SERVICES = {
     Request.DISCARD: (Trigger, "discard", Trigger.Request()),
     Request.MARK: (Trigger, "mark_pose", Trigger.Request()),
 }
+
+MAX_ANSWER = 300
+"""Characters of an answer that are shown."""
 
 
 class RecorderClient:
@@ -29,24 +34,27 @@ class RecorderClient:
 
     def __init__(self, node: Node, recorder: str) -> None:
         kinds = {name: kind for kind, name, _ in SERVICES.values()}
-        self._clients = {name: node.create_client(kind, f"{recorder}/{name}") for name, kind in kinds.items()}
+        self._clients = {name: Client(node, kind, f"{recorder}/{name}") for name, kind in kinds.items()}
         self.answer = "nothing asked yet"
 
     @property
     def is_ready(self) -> bool:
         """Whether a recorder answers."""
-        return bool(self._clients["record"].service_is_ready())
+        return self._clients["record"].is_ready
 
     def ask(self, request: Request) -> None:
         """Send a request; ``answer`` changes when the recorder has answered."""
         _, name, message = SERVICES[request]
         client = self._clients[name]
-        if not client.service_is_ready():
+        if not client.is_ready:
             self.answer = f"{request.value}: no recorder is running (start record_demos)"
             return
         self.answer = f"{request.value} ..."
-        client.call_async(message).add_done_callback(self._on_answer)
+        client.ask(message, self._on_answer, self._on_failure)
 
-    def _on_answer(self, future: Any) -> None:
-        response = future.result()
-        self.answer = response.message if response.success else f"REFUSED: {response.message}"
+    def _on_answer(self, response: Any) -> None:
+        message = shortened(response.message, MAX_ANSWER)
+        self.answer = message if response.success else f"REFUSED: {message}"
+
+    def _on_failure(self, error: RledError) -> None:
+        self.answer = shortened(str(error), MAX_ANSWER)

@@ -10,11 +10,12 @@ from pathlib import Path
 from threading import Event
 from typing import Any
 
-from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
+from rled_msgs_py.awaiting import brought_by, say_what_is_awaited
 from rled_msgs_py.bags.storage import BagTopic
+from rled_msgs_py.callbacks import every, serve
 from rled_msgs_py.convert import qos_profile
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.node import declare, run_node, spin
@@ -67,8 +68,9 @@ class ReplayDemos(Node):
         self._matched, self._since = [-1], time.monotonic()
         self._screen: Screen | None = None
         self._publish(recording.latched_before(self.params.start), range(sys.maxsize))
-        self.create_service(SetBool, "~/pause", self._on_pause)
-        self.create_timer(LOOK, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        serve(self, SetBool, "~/pause", self._on_pause)
+        every(self, LOOK, self._look)
+        say_what_is_awaited(self, self._awaited)
 
     def listen(self, screen: Screen) -> None:
         """Take keys from a terminal."""
@@ -91,10 +93,19 @@ class ReplayDemos(Node):
         matched = [each.get_subscription_count() for each in self._outputs]
         if matched != self._matched:
             self._matched, self._since = matched, now
+        return self._listeners() >= self.params.wait_for_subscribers and now - self._since >= SETTLED
+
+    def _listeners(self) -> int:
         name = self.resolve_topic_name(JOINT_DELTA.name)
-        counts = [count for each, count in zip(self._outputs, matched, strict=True) if each.topic_name == name]
-        enough = max(counts, default=sys.maxsize) >= self.params.wait_for_subscribers
-        return enough and now - self._since >= SETTLED
+        counts = [each.get_subscription_count() for each in self._outputs if each.topic_name == name]
+        return max(counts, default=sys.maxsize)
+
+    def _awaited(self) -> str:
+        wanted = self.params.wait_for_subscribers
+        if self._player is not None or (there := self._listeners()) >= wanted:
+            return ""
+        what = f"{wanted} subscribers of {JOINT_DELTA.name} ({there} there)"
+        return brought_by(self, "record_demos or train_expert --live", what)
 
     def _publish(self, recording: Recording, places: range) -> None:
         for place in places[: len(recording.data)]:

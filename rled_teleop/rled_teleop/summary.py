@@ -39,10 +39,15 @@ class Summary(NamedTuple):
     def __str__(self) -> str:
         answers = f" ({self.unanswered} without an answer)" if self.unanswered else ""
         lost = f"; {self.lost} MESSAGES WERE LOST" if self.lost else ""
-        return (
-            f"{self.path}: {self.messages} messages, {self.points} points, {self.trajectories} trajectories, "
-            f"{self.states} states{answers}, {self.seconds:.2f} s of simulation{lost}"
-        )
+        points, states = counted(self.points, "point"), counted(self.states, "state")
+        trajectories = counted(self.trajectories, "trajectory", "trajectories")
+        parts = f"{counted(self.messages, 'message')}, {points}, {trajectories}, {states}{answers}"
+        return f"{self.path}: {parts}, {self.seconds:.2f} s of simulation{lost}"
+
+
+def counted(number: int, one: str, many: str = "") -> str:
+    """A number with its noun: 1 episode, 2 episodes."""
+    return f"{number} {one if number == 1 else many or f'{one}s'}"
 
 
 def summarise(path: Path) -> Summary:
@@ -78,4 +83,4 @@ def _targets_reached(bag: Bag, after: int) -> int:
         for each in bag.messages(TASK_STATUS)
         if (stamp_of(each.topic.type, each.data) or 0) >= after
     )
-    return sum(now - before for (episode, before), (same, now) in pairwise(counts) if episode == same)
+    return sum(max(0, now - before) for (episode, before), (same, now) in pairwise(counts) if episode == same)

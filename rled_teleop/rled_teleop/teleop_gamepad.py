@@ -7,6 +7,10 @@ from typing import Any
 
 from numpy.typing import NDArray
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.serialization import deserialize_message
+from rled_msgs_py.awaiting import brought_by, say_what_is_awaited
+from rled_msgs_py.callbacks import ends_node, listen
 from rled_msgs_py.node import declare, run_node
 from rled_msgs_py.params import param
 from sensor_msgs.msg import Joy
@@ -17,6 +21,8 @@ from rled_teleop.gamepad_device import Device, open_pad, read_pad
 from rled_teleop.jog import Jog
 from rled_teleop.recorder_client import RecorderClient
 
+MOST_JOY = 4096
+"""Bytes of a message on joy: hundreds of axes and buttons."""
 _number = partial(param, low=-1, high=63, read_only=True)
 
 
@@ -55,13 +61,20 @@ class TeleopGamepad(Node):
         super().__init__("teleop_gamepad", **options)
         self._params = declare(self, GamepadParams)
         self._device: Device | None = open_pad(self._params.device) if self._params.device else None
+        self._is_heard = self._device is not None
         self._recorder = RecorderClient(self, self._params.recorder)
         self._gamepad: Gamepad | None = None
         self._said = ""
         self._driving = Driving(self, self._params.beside_agent, self._steer)
         if self._device is None:
-            self.create_subscription(Joy, "joy", self._on_joy, 10)
+            listen(self, Joy, "joy", QoSProfile(depth=10), self._on_joy, MOST_JOY)
         self._driving.start_timer(self._look)
+        say_what_is_awaited(self, self._awaited)
+
+    def _awaited(self) -> str:
+        if (awaited := self._driving.awaited()) or self._is_heard:
+            return awaited
+        return brought_by(self, "joy_node, or this with --device auto,", "joy")
 
     def _steer(self, jog: Jog, q: NDArray[Any]) -> NDArray[Any] | None:
         return self._gamepad_of(jog).delta(jog, q, time.monotonic())
@@ -71,12 +84,16 @@ class TeleopGamepad(Node):
             self._gamepad = Gamepad(self._params.layout(), jog.task.action_size, self._params.timeout)
         return self._gamepad
 
-    def _on_joy(self, msg: Joy) -> None:
+    def _on_joy(self, data: bytes) -> None:
+        msg = deserialize_message(data, Joy)
+        self._is_heard = True
         self._take(PadState(tuple(msg.axes), tuple(map(bool, msg.buttons))))
 
     def _look(self) -> None:
         if self._device is not None:
-            self._take(read_pad(self._device))
+            with ends_node():
+                state = read_pad(self._device)
+            self._take(state)
         self._driving.look()
         if self._recorder.answer != self._said:
             self._said = self._recorder.answer

@@ -82,7 +82,7 @@ class TeleopKeyboard(Node):
     def _lines(self) -> list[str]:
         jog, tick = self._driving.jog, self._driving.tick
         if jog is None or tick is None:
-            return waiting_screen(self._recorder.answer)
+            return waiting_screen(self._driving.awaited(), self._recorder.answer)
         keyboard = self._keyboard_of(jog)
         shown = Shown(jog.task, tick, keyboard.motion(time.monotonic()), self._driving.delta, self._recorder.answer)
         return screen(keyboard, shown)

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.node import Node
+from rled_msgs_py.awaiting import brought_by, say_what_is_awaited
+from rled_msgs_py.callbacks import ends_node, listen
 from rled_msgs_py.convert import MESSAGE_CLASSES, qos_profile
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.messages import decode
@@ -55,14 +57,30 @@ class Follower:
         self.mapping, self._speed, self._timeout = mapping, speed, timeout
         self._goal: NDArray[np.float64] | None = None
         self._until = -np.inf
+        self._heard: dict[str, tuple[float, float]] = {}
+
+    @property
+    def is_heard(self) -> bool:
+        """Whether the device has said anything yet."""
+        return self._goal is not None
 
     def take(self, sample: JointSample, now: float) -> None:
-        """Take a sample at a time (s).
+        """Take a sample at a time (s); joints that two publishers tell are put together, others are passed over.
 
         Raises:
             RledError: the device lacks a joint, or is where no robot can follow.
         """
-        self._goal, self._until = self.mapping.robot_joints(sample), now + self._timeout
+        wanted = self.mapping.device_joints
+        values = zip(sample.names, sample.position.tolist(), strict=True)
+        told = {name: angle for name, angle in values if name in wanted}
+        if not told and now < self._until:  # of a gripper, beside an arm that is heard
+            return
+        recent = {name: heard for name, heard in self._heard.items() if now < heard[1] + self._timeout}
+        self._heard = recent | {name: (angle, now) for name, angle in told.items()}
+        names = tuple(self._heard) or sample.names
+        angles = [self._heard[name][0] for name in names] if self._heard else sample.position
+        device = JointSample(sample.stamp, names, np.array(angles), np.zeros(len(names)))
+        self._goal, self._until = self.mapping.robot_joints(device), now + self._timeout
 
     def delta(self, jog: Jog, q: NDArray[np.float64], now: float) -> NDArray[np.float64] | None:
         """Δq (rad) towards the device for joint angles ``q`` at a time (s), shape (n,); None when it is silent."""
@@ -80,15 +98,24 @@ class TeleopKinesthetic(Node):
         self._follower: Follower | None = None
         self._driving = Driving(self, self._params.beside_agent, self._steer)
         message, qos = MESSAGE_CLASSES[JOINT_STATE], qos_profile(DEVICE_QOS)
-        self.create_subscription(message, self._params.device_topic, self._on_device, qos, raw=True)
+        listen(self, message, self._params.device_topic, qos, self._on_device)
         self._driving.start_timer(self._driving.look)
+        say_what_is_awaited(self, self._awaited)
+
+    def _awaited(self) -> str:
+        if awaited := self._driving.awaited():
+            return awaited
+        program = "the driver of the device, or name its topic with --device-topic,"
+        is_heard = self._follower is not None and self._follower.is_heard
+        return "" if is_heard else brought_by(self, program, self._params.device_topic)
 
     def _steer(self, jog: Jog, q: NDArray[np.float64]) -> NDArray[np.float64] | None:
         return self._follower_of(jog).delta(jog, q, time.monotonic())
 
     def _follower_of(self, jog: Jog) -> Follower:
         if self._follower is None or self._follower.mapping.joints != jog.task.joint_names:
-            mapping = RecordingMapping.from_yaml(self._params.mapping, jog.task.joint_names)
+            with ends_node():
+                mapping = RecordingMapping.from_yaml(self._params.mapping, jog.task.joint_names)
             self._follower = Follower(mapping, self._params.speed, self._params.timeout)
         return self._follower
 

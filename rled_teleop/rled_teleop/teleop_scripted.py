@@ -4,9 +4,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
+from rled_msgs_py.awaiting import brought_by, say_what_is_awaited
+from rled_msgs_py.callbacks import ends_node, every
 from rled_msgs_py.command_output import CommandOutput
 from rled_msgs_py.errors import ContractError
 from rled_msgs_py.messages import encode
@@ -14,8 +15,9 @@ from rled_msgs_py.node import advertise, declare, run_node, subscribe, subscribe
 from rled_msgs_py.params import param
 from rled_msgs_py.records import Text
 from rled_msgs_py.task import TaskDescription
-from rled_msgs_py.tick import Tick
+from rled_msgs_py.tick import STATE_NAMES, Tick
 from rled_msgs_py.topics import (
+    JOINT_DELTA,
     MARKED_EE_POSE,
     MARKED_JOINT_STATES,
     ROBOT_DESCRIPTION,
@@ -68,7 +70,8 @@ class TeleopScripted(Node):
         subscribe(self, TASK_DESCRIPTION, self._on_task)
         subscribe(self, ROBOT_DESCRIPTION, self._on_robot)
         subscribe_ticks(self, self._on_tick)
-        self.create_timer(0.05, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))  # subscribers come late
+        every(self, 0.05, self._answer)  # subscribers come late
+        say_what_is_awaited(self, self._awaited)
 
     def _on_task(self, text: Text) -> None:
         self._task = TaskDescription.from_json(text.data)
@@ -81,11 +84,14 @@ class TeleopScripted(Node):
         self._delta.withdraw()
         self._answer()
 
-    def _on_timer(self) -> None:
-        self._answer()
-        if self._operator is None:
-            missing = "a simulation" if not self._urdf or self._task is None else "subscribers of joint_delta"
-            self.get_logger().info(f"waiting for {missing}", throttle_duration_sec=5.0, skip_first=True)
+    def _awaited(self) -> str:
+        if self._task is None or not self._urdf:
+            return brought_by(self, "sim_node", f"{TASK_DESCRIPTION.name} and {ROBOT_DESCRIPTION.name}")
+        if self._operator is None and not self._is_listened_to():
+            there, wanted = self._delta.publisher.get_subscription_count(), self._params.wait_for_subscribers
+            what = f"{wanted} subscribers of {JOINT_DELTA.name} ({there} there)"
+            return brought_by(self, "record_demos" if there else "sim_node", what)
+        return brought_by(self, "sim_node", ", ".join(STATE_NAMES)) if self._operator is None else ""
 
     def _answer(self) -> None:
         if self._tick is None or not self._ready():
@@ -107,7 +113,8 @@ class TeleopScripted(Node):
     def _ready(self) -> bool:
         """Whether an operator is there; make it when robot, task and subscribers are."""
         if self._operator is None and self._task is not None and self._urdf and self._is_listened_to():
-            self._operator = scripted_operator(self._task, self._urdf, self._params)
+            with ends_node():
+                self._operator = scripted_operator(self._task, self._urdf, self._params)
             totals = self._operator.points, self._params.trajectories
             self._bars = tuple(map(Progress, ("points marked", "targets reached"), totals))
         return self._operator is not None

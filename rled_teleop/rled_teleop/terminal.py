@@ -11,6 +11,7 @@ from rled_msgs_py.errors import RledError
 
 ARROWS = {"A": "up", "B": "down", "C": "right", "D": "left"}
 HIDE_CURSOR, SHOW_CURSOR, TO_LINE_END, DOWN_CLEARED = "\x1b[?25l", "\x1b[?25h", "\x1b[K", "\x1b[J"
+HOME = "\x1b[H"
 OFF = b"\0"
 """Stands for no character (_POSIX_VDISABLE on Linux)."""
 
@@ -42,6 +43,13 @@ def split_keys(text: str) -> list[str]:
     return keys
 
 
+def fitted(lines: Sequence[str], rows: int) -> list[str]:
+    """As many lines as a terminal has room for: rules go first, then the last ones."""
+    if len(lines) > rows:
+        lines = [line for line in lines if line.strip("-")]
+    return list(lines[:rows])
+
+
 class Screen:
     """Keys from a terminal, lines onto it.
 
@@ -53,6 +61,7 @@ class Screen:
     def __init__(self, keys: int, output: int) -> None:
         self._keys, self._output = keys, output
         self._drawn: list[str] = []
+        self._drawn_at: os.terminal_size | None = None
 
     def read(self) -> list[str]:
         """The keys that arrived since the last call; does not wait.
@@ -72,20 +81,26 @@ class Screen:
         return split_keys(text.decode(errors="replace"))
 
     def draw(self, lines: Sequence[str]) -> None:
-        """Show lines in the place of those shown before; the same ones cost nothing."""
-        if list(lines) == self._drawn:
+        """Show lines in the place of those shown before, as many as fit; the same ones cost nothing."""
+        size = self._size()
+        shown = [line[: max(size.columns - 1, 0)] for line in fitted(lines, max(size.lines - 1, 1))]
+        if (shown, size) == (self._drawn, self._drawn_at):
             return
-        up = f"\x1b[{len(self._drawn)}A" if self._drawn else ""
-        width = self._width()
-        body = "".join(f"\r{line[: width - 1]}{TO_LINE_END}\n" for line in lines)
-        self._write(f"{up}{body}{DOWN_CLEARED}")
-        self._drawn = list(lines)
+        if self._drawn_at not in (None, size):  # where the lines drawn before are now, only the terminal knows
+            back = HOME
+        else:
+            back = f"\x1b[{len(self._drawn)}A" if self._drawn and size.lines > 1 else ""
+        end = "\n" if size.lines > 1 else ""  # which would scroll a single line away
+        body = "".join(f"\r{line}{TO_LINE_END}{end}" for line in shown)
+        self._write(f"{back}{body}{DOWN_CLEARED}")
+        self._drawn, self._drawn_at = shown, size
 
-    def _width(self) -> int:
+    def _size(self) -> os.terminal_size:
         try:
-            return os.get_terminal_size(self._output).columns or 80
+            columns, rows = os.get_terminal_size(self._output)
         except OSError:
-            return 80
+            columns, rows = 0, 0
+        return os.terminal_size((columns or 80, rows or 24))
 
     def _write(self, text: str) -> None:
         os.write(self._output, text.encode())

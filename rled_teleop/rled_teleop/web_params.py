@@ -11,7 +11,8 @@ class WebParams:
 
     host: str = param("127.0.0.1", "address to serve at; beyond this machine only with a token", read_only=True)
     port: int = param(8080, "port to serve at", low=1, high=65535, read_only=True)
-    token: str = param("", "word that opens the page, 12 characters or more", read_only=True)
+    token: str = param("", "word that opens the page; the list of processes shows it to every user", read_only=True)
+    token_file: str = param("", "file with that word, which nobody sees; or put it into RLED_TOKEN", read_only=True)
     robot: str = param("", "start a simulation of this robot too; empty: join the graph that runs", read_only=True)
     sim_options: str = param("", 'more options of that simulation, as typed: "--period 0.01"', read_only=True)
     with_agent: str = param("", 'start this agent too, as typed: "agent_node --expert FILE"', read_only=True)

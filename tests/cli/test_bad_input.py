@@ -176,7 +176,7 @@ def test_a_restart_is_named_in_the_episode_before_it_and_refused(
 
 def test_a_sqlite3_bag_is_checked_like_any_other(call: Callable[[str], tuple[Any, list[str]]], tmp_path: Path) -> None:
     path = write_with_rosbags(tmp_path / "bag", recording(30), plugin=StoragePlugin.SQLITE3)
-    assert call(f"demos check {path}") == (0, [f"{path}: no faults in 152 messages, 1 episodes"])
+    assert call(f"demos check {path}") == (0, [f"{path}: no faults in 152 messages, 1 episode"])
     torn = [*recording(30), *recording(30)[2:]]
     code, lines = call(f"demos check {write_with_rosbags(tmp_path / 'torn', torn, plugin=StoragePlugin.SQLITE3)}")
     assert code == 1

@@ -1,6 +1,7 @@
 """The workspace builds with colcon, and its executables are where ``ros2 run`` looks for them."""
 
 import os
+import re
 import shlex
 import shutil
 import signal
@@ -14,6 +15,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rled_msgs_py.node import fresh_context, spin_until, subscribe
 from rled_msgs_py.topics import JOINT_STATES
+from rled_sim.robots import ROBOTS
 
 ROOT = Path(__file__).parents[2]
 EXECUTABLES = {
@@ -70,12 +72,16 @@ def test_modules_and_data_come_from_the_install_space(workspace: Path) -> None:
     shown = subprocess.run(sourced(workspace, sys.executable, "-c", ask), cwd=workspace, capture_output=True, text=True)
     assert all(Path(each).is_relative_to(workspace / "install") for each in shown.stdout.split())
     assert list(workspace.glob("install/rled_sim/lib/python3*/site-packages/rled_sim/urdf/*.urdf"))
+    share = prefix_of(workspace, "rled_sim") / "share"
+    named = re.findall('package://([^"]+)', "".join(robot.description for robot in ROBOTS.values()))
+    assert named
+    assert all((share / each).is_file() for each in named)
 
 
 def test_launch_files_and_parameters_are_installed(workspace: Path) -> None:
     share = prefix_of(workspace, "rled_bringup") / "share" / "rled_bringup"
     source = workspace / "src" / "rled_bringup"
-    for folder in ("launch", "config"):
+    for folder in ("launch", "config", "rviz"):
         names = sorted(each.name for each in (source / folder).iterdir())
         assert sorted(each.name for each in (share / folder).iterdir()) == names
 

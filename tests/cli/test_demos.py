@@ -1,10 +1,12 @@
 """The command ``demos``: what it prints and writes, its exit codes, and that nothing makes it fall over."""
 
 import json
+import shlex
 import shutil
 import subprocess
 import sys
 import tempfile
+from contextlib import contextmanager
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -13,15 +15,18 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from matplotlib.figure import Figure
 from rled_agent.demonstrations import DemonstrationError, open_demonstrations
 from rled_agent.selection import SelectionError
 from rled_msgs_py.bags import Bag, BagError, BagWriter, repair, review
 from rled_msgs_py.processes import program
+from rled_msgs_py.records import Text
 from rled_msgs_py.topics import JOINT_STATES, ROBOT_DESCRIPTION, TASK_DESCRIPTION
+from rled_teleop.demos_plot import draw_joints, draw_paths
 
 from rled_teleop import demos
 
-from ..rled_msgs_py.samples import ENTRIES, descriptions, tick, write_bag
+from ..rled_msgs_py.samples import ENTRIES, TASK, descriptions, tick, write_bag
 
 BAGS = Path(__file__).parents[2] / "bags"
 QUIET = [HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
@@ -103,12 +108,27 @@ def test_check_names_episode_time_and_remedy_and_the_remedy_works(said, tmp_path
     assert code == 1
     assert text == (
         f"stamps backwards: all state topics, episode 1, from 0.78 s to 0.80 s: the stamp falls back by 0.780 s; "
-        f"keep one part with: demos trim {path} --to 0.790 --output NEW (or --from 0.790)\n"
+        f"keep the longer part with: demos trim {path} --to 0.79 --output NEW\n"
     )
     for option, ticks in (("--to", 40), ("--from", 30)):
         assert said("trim", path, option, "0.790", "--output", tmp_path / option)[0] == 0
         assert Bag(tmp_path / option).counts["joint_states"] == ticks
         assert said("check", tmp_path / option)[0] == 0
+
+
+def test_the_commands_go_on_with_a_bag_in_which_the_description_changes(said, tmp_path):
+    other = (TASK_DESCRIPTION, Text(replace(TASK, max_steps=50).to_json()))
+    path = written(tmp_path / "a bag", [*entries(0, 40), other, *entries(0, 30)])
+    code, text = said("check", path)
+    assert (code, text.count("\n")) == (1, 1)
+    remedy = shlex.split(text.split("with: ")[1])
+    assert remedy[:2] == ["demos", "trim"]
+    assert said(*remedy[1:-1], tmp_path / "second")[0] == 0
+    for number, (bag, ticks) in enumerate(((path, 40), (tmp_path / "second", 30))):
+        assert f"joint_states{ticks:>10}" in said("info", bag)[1]
+        assert said("trim", bag, "--output", tmp_path / f"part {number}")[0] == 0
+        assert said("check", tmp_path / f"part {number}")[0] == 0
+    assert said("trim", path, "--part", 3, "--output", tmp_path / "third")[0] == 2
 
 
 @pytest.mark.parametrize("kind", ["cut", "flipped", "empty", "foreign", "missing", "no task"])
@@ -167,6 +187,30 @@ def test_a_mistake_is_one_line_and_writes_nothing(said, bag, tmp_path, options):
     assert code == 2
     assert options[-2] != "--output" or "error: " in text or "Parsing error" in text or "required" in text.lower()
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(("episodes", "named"), [(1, "episode 0"), (3, "episodes 0, 2, 4 ...")])
+def test_a_plot_explains_all_that_it_shows_beside_it(tmp_path, monkeypatch, episodes, named):
+    drawn = []
+
+    @contextmanager
+    def picture(path, width, height):
+        figure = Figure(figsize=(width, height), layout="constrained")
+        drawn.append(figure.add_subplot())
+        yield drawn[-1]
+        figure.savefig(tmp_path / path)
+
+    monkeypatch.setattr("rled_teleop.demos_plot.picture", picture)
+    bag = Bag(BAGS / "planar_lemniscate")
+    found, task = review(bag), bag.task
+    found = found._replace(episodes=found.episodes[:episodes], qualities=found.qualities[:episodes])
+    draw_paths(Path("paths.png"), found, task)
+    draw_joints(Path("joints.png"), found, task)
+    assert drawn[0].get_title() == f"{task.robot}: {episodes} {'episode' if episodes == 1 else 'episodes'}"
+    labels = [[text.get_text() for text in axes.get_legend().get_texts()] for axes in drawn]
+    assert labels == [["path, quality 1", "path, quality 0", "target"], [named, *task.joint_names]]
+    for axes in drawn:
+        assert axes.get_legend().get_window_extent().x0 >= axes.get_window_extent().x1
 
 
 def test_plot_writes_two_pictures(said, bag, tmp_path):
@@ -249,7 +293,7 @@ def test_train_expert_leaves_faulty_and_poor_episodes_out_and_says_so(tmp_path):
         open_demonstrations(planar, "points", 0.5)
 
 
-def test_train_expert_leaves_out_just_the_episode_with_a_loss(tmp_path):
+def test_train_expert_leaves_out_just_the_moments_of_a_loss(tmp_path):
     planar = Bag(BAGS / "planar_lemniscate")
     episode = next(each for each in review(planar).episodes if each.last - each.first >= 100_000_000)
     gone = (episode.first + 40_000_000, episode.first + 60_000_000)
@@ -260,9 +304,10 @@ def test_train_expert_leaves_out_just_the_episode_with_a_loss(tmp_path):
                 writer.copy(message.topic, message.data, message.log_time, message.publish_time)
     lines = list[str]()
     left = open_demonstrations(tmp_path / "bag", "trajectories", 0.0, lines.append)
-    assert len(np.unique(left.trajectory)) == 199
+    assert len(left) == len(open_demonstrations(BAGS / "planar_lemniscate", "trajectories")) - 2
+    assert len(np.unique(left.trajectory)) == 201  # one of 200 is in two pieces
     assert len(lines) == 1
-    assert lines[0].startswith(f"left out: episode {episode.number}: ")
+    assert "joint_states, ee_pose, target_pose, task_status: 2 ticks are missing" in lines[0]
     assert len(open_demonstrations(tmp_path / "bag", "points")) > 0
 
 

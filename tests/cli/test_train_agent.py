@@ -1,9 +1,11 @@
 """The command, with options as a person types them; what need not be killed runs in this process to save its start."""
 
 import csv
+import hashlib
 import json
 import math
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -16,8 +18,11 @@ import numpy as np
 import pytest
 import torch
 from rled_agent.checkpoint import Checkpoint, read_checkpoint
+from rled_agent.digests import bag_digest
 from rled_agent.policy import load_policy
+from rled_msgs_py.bags import Bag, BagWriter
 from rled_msgs_py.processes import Children, program
+from rled_msgs_py.topics import RECORDED
 
 from rled_agent import train_agent
 
@@ -123,6 +128,8 @@ def test_a_run_is_a_directory(train, planar, planar_bag, planar_expert, tmp_path
     assert record["config"]["behaviour"]["name"] == "gate"
     files = {"bag": str(planar_bag), "expert": str(planar_expert)}
     flawless = {"tremor": 0.0, "wrong": 0.0, "seed": 0}
+    digest = hashlib.sha256(planar_expert.read_bytes()).hexdigest()
+    files |= {"bag_sha256": bag_digest(Bag(planar_bag)), "expert_sha256": digest, "simulation": None}
     assert record["demonstrations"] == files | {"points": 0, "flaws": flawless, "over": "process"}
     assert {"git", "python", "torch"} < record.keys()
     table = rows(output)
@@ -209,7 +216,7 @@ def test_a_run_of_a_version_with_other_settings_does_not_continue(train, refused
     record["config"]["behaviour"]["former"] = record["config"]["behaviour"].pop("phi")
     settings.write_text(json.dumps(record))
     said = refused(PENDULUM, tmp_path, 100, "--resume")
-    assert "begun by a version with other settings (config.behaviour.former, config.behaviour.phi); remove it" in said
+    assert "begun by a version with other settings (config.behaviour.former, config.behaviour.phi); accepted: " in said
 
 
 def test_a_folder_with_a_run_is_not_overwritten(train, refused, tmp_path) -> None:
@@ -221,7 +228,7 @@ def test_there_is_nothing_to_continue(train, refused, tmp_path) -> None:
     assert "holds no run" in refused(PENDULUM, tmp_path, 100, "--resume")
     train(PENDULUM, tmp_path, 50)
     (tmp_path / "checkpoint.safetensors").unlink()
-    assert "there is no " in refused(PENDULUM, tmp_path, 100, "--resume")
+    assert f"the run in {tmp_path} has no checkpoint yet" in refused(PENDULUM, tmp_path, 100, "--resume")
 
 
 def test_a_damaged_or_foreign_checkpoint_is_refused(train, refused, planar, tmp_path) -> None:
@@ -254,11 +261,117 @@ def test_what_cannot_be_learned_is_one_line_and_nothing_is_written(refused, tmp_
 
 def test_a_bag_or_an_expert_of_another_robot_is_refused(refused, planar, tmp_path) -> None:
     for options, what in (
-        (["--env", "rled/PandaReach-v0"], "start joints of shape (25, 2); accepted: (k, 7)"),
+        (
+            ["--env", "rled/PandaReach-v0"],
+            "is of robot planar, env rled/PandaReach-v0 of panda; accepted: a bag of panda",
+        ),
         (["--expert", str(tmp_path / "gone")], "there is no "),
     ):
         assert what in refused(planar, tmp_path / "run", 100, *options)
     assert not (tmp_path / "run").exists()
+
+
+def test_a_preset_of_another_robot_names_the_environment_that_the_bag_is_for(
+    train, refused, planar, planar_bag, tmp_path
+) -> None:
+    options = ["panda_tuned", *planar[1:]]
+    said = refused(options, tmp_path / "run", 100)
+    assert said == (
+        f"error: bag {planar_bag} is of robot planar, env rled/PandaReach-v0 of panda; accepted: a bag of panda; "
+        "or --env rled/PlanarReach-v0"
+    )
+    assert train([*options, *said.split("; or ")[1].split()], tmp_path / "run", 50).state["step"] == 50
+
+
+def test_a_copy_of_bag_and_expert_elsewhere_continues(train, planar, planar_bag, planar_expert, tmp_path) -> None:
+    train(planar, tmp_path / "run", 100)
+    bag, expert = shutil.copytree(planar_bag, tmp_path / "copy of the bag"), shutil.copy(planar_expert, tmp_path / "e")
+    (mcap,) = bag.glob("*.mcap")
+    for path in (bag, mcap):  # the bare file holds the same messages
+        moved = [planar[0], "--bag", str(path), "--expert", str(expert), *SMALL]
+        steps = 200 if path == bag else 300
+        assert train(moved, tmp_path / "run", steps, "--resume").state["step"] == steps
+    assert_same(read_checkpoint(tmp_path / "run/checkpoint.safetensors"), train(planar, tmp_path / "whole", 300))
+
+
+def test_other_content_at_the_same_place_does_not_continue(train, refused, planar_bag, planar_expert, tmp_path) -> None:
+    bag, expert = tmp_path / "bag", tmp_path / "expert.safetensors"
+    shutil.copytree(planar_bag, bag)
+    shutil.copy(planar_expert, expert)
+    options = ["planar_mc_tuned", "--bag", str(bag), "--expert", str(expert), *SMALL]
+    train(options, tmp_path / "run", 100)
+    before = (tmp_path / "run/checkpoint.safetensors").read_bytes()
+    policy = load_policy(expert)
+    policy.network.load_vector(1.001 * policy.network.vector())
+    policy.save(expert)
+    said = refused(options, tmp_path / "run", 200, "--resume")
+    assert f"what is in the expert {expert} has changed since the run began; accepted: its content of then; " in said
+    assert "bring it back (a copy elsewhere will do), or begin a new run with another --output" in said
+    shutil.copy(planar_expert, expert)
+    shutil.rmtree(bag)
+    source, topics = Bag(planar_bag), {topic.name: topic for topic in RECORDED}
+    *messages, _ = source.messages()
+    with BagWriter(bag) as writer:  # the last message is missing
+        for each in messages:
+            writer.write_cdr(topics[source.name_of(each)], each.data, each.log_time)
+    assert f"what is in the bag {bag} has changed since the run began" in refused(
+        options, tmp_path / "run", 200, "--resume"
+    )
+    elsewhere = [each if each != str(bag) else str(bag.rename(tmp_path / "moved")) for each in options]
+    assert f"the bag {tmp_path / 'moved'} holds something else than the one that the run began with" in refused(
+        elsewhere, tmp_path / "run", 200, "--resume"
+    )
+    assert (tmp_path / "run/checkpoint.safetensors").read_bytes() == before
+
+
+def test_a_run_without_digests_is_one_of_another_version(train, refused, planar, tmp_path) -> None:
+    train(planar, tmp_path, 50)
+    record = json.loads((tmp_path / "config.json").read_text())
+    del record["demonstrations"]["bag_sha256"]
+    (tmp_path / "config.json").write_text(json.dumps(record))
+    said = refused(planar, tmp_path, 100, "--resume")
+    assert "was begun by a version with other settings (demonstrations.bag_sha256)" in said
+
+
+METRICS = {
+    "step,reward\n10": "is damaged in line 2",
+    "step,reward\n10,1,2\n": "is damaged in line 2",
+    "step,reward\nten,1\n": "is damaged in line 2",
+    "reward\n1\n": "has no column step",
+    "": "has no column step",
+    "step\n\x00\n": "is damaged in line 2",
+    'step\n"' + "1" * 200_000: "cannot be read",
+}
+CONFIGS = [
+    "[]",
+    "3",
+    "null",
+    '"config"',
+    "{}",
+    '{"config": []}',
+    '{"config": {}, "demonstrations": 3}',
+    "{",
+    "[" * 10**5,
+]
+
+
+def test_a_run_folder_with_garbled_files_is_one_line(train, refused, tmp_path) -> None:
+    train(PENDULUM, tmp_path, 100)
+    metrics, config = tmp_path / "metrics.csv", tmp_path / "config.json"
+    whole = metrics.read_text()
+    for text, said in METRICS.items():
+        metrics.write_text(text)
+        assert f"{metrics} {said}" in refused(PENDULUM, tmp_path, 200, "--resume")
+    metrics.write_bytes(b"step\n\xff\n")
+    assert "UTF-8" in refused(PENDULUM, tmp_path, 200, "--resume")
+    metrics.write_text(whole)
+    settings = config.read_text()
+    for text in CONFIGS:
+        config.write_text(text)
+        said = refused(PENDULUM, tmp_path, 200, "--resume")
+        assert any(each in said for each in ("holds no run", "holds no settings", "begun by a version with other"))
+    config.write_text(settings)
+    assert train(PENDULUM, tmp_path, 200, "--resume").state["step"] == 200
 
 
 def test_a_loss_that_is_no_number_names_the_step_and_the_last_good_checkpoint(refused, monkeypatch, tmp_path) -> None:

@@ -95,4 +95,6 @@ def test_settings_out_of_range_are_one_line(refused, planar_bag, tmp_path, optio
 
 def test_an_output_that_cannot_be_written_is_one_line(refused, planar_bag, tmp_path) -> None:
     (tmp_path / "file").touch()
-    assert "can't write" in refused("--bag", planar_bag, "--output", tmp_path / "file" / "out", *QUICK)
+    assert "is no folder; accepted: a folder for the results; name another folder with --output" in refused(
+        "--bag", planar_bag, "--output", tmp_path / "file" / "out", *QUICK
+    )

@@ -14,6 +14,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rled_msgs_py.convert import MESSAGE_CLASSES, qos_profile, to_msg
+from rled_msgs_py.episode_begin import read_begin
 from rled_msgs_py.errors import ContractError
 from rled_msgs_py.messages import decode
 from rled_msgs_py.node import advertise, fresh_context, spin_until, subscribe
@@ -203,7 +204,7 @@ class Plant:
 
     def reset(self) -> None:
         """Begin an episode and wait for its first tick."""
-        begins = int(self.call(Trigger, "reset").message.split()[-2])
+        begins = read_begin(self.call(Trigger, "reset").message)
         self.wait(lambda: self.tick.stamp >= begins, "the new episode")
 
     def set(self, **values: Any) -> str:

@@ -1,7 +1,7 @@
-"""The table of faults: rows as the tests measure them, and docs/faults.md made of them.
+"""The tables of faults: rows as the tests measure them, and docs/faults.md made of them.
 
-``make faults`` measures all rows anew and writes the document. In every other run a row must say what the document
-says, but for its milliseconds.
+``make faults`` measures all rows of the first table anew and writes them. In every other run a row must say what the
+document says, but for its milliseconds. The second table is written by hand; each of its rows names its test.
 """
 
 import json
@@ -13,6 +13,8 @@ ROOT = Path(__file__).parents[2]
 DOCUMENT = ROOT / "docs" / "faults.md"
 MEASURED = ROOT / "out" / "faults"
 WRITES = os.environ.get("RLED_FAULTS") == "write"
+BY_HAND = "\n## Files, commands, pages and other people's robots\n"
+"""Where the second table begins."""
 
 HEAD = """# Faults, and what becomes of them
 
@@ -62,7 +64,8 @@ def main() -> None:
     """Write the document."""
     files = sorted(MEASURED.glob("*.json"))
     rows = [Row(*values) for file in files for values in json.loads(file.read_text())]
-    DOCUMENT.write_text(HEAD + "".join(row.line() for row in rows))
+    _, heading, by_hand = DOCUMENT.read_text().partition(BY_HAND)
+    DOCUMENT.write_text(HEAD + "".join(row.line() for row in rows) + heading + by_hand)
     print(f"{len(rows)} faults in {DOCUMENT.relative_to(ROOT)}")
 
 

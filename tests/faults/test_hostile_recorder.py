@@ -18,6 +18,7 @@ from rled_msgs_py.topics import (
     RECORDED,
     SAFETY_GATE,
 )
+from rled_teleop.readable import Readable
 from rled_teleop.record_params import RecordParams
 from std_srvs.srv import SetBool, Trigger
 
@@ -81,7 +82,7 @@ def test_requests_do_no_harm(recorder: Peer, name: str) -> None:
 
 
 def test_the_bag_is_whole(recorder: Peer, bag: Path) -> None:
-    """Stands last: the recorder ends. It keeps what it received, so what it received is all that is wrong with it."""
+    """Stands last: the recorder ends. It keeps every message that it received, whatever it says, and nothing else."""
     recorder.child.process.send_signal(signal.SIGINT)
     recorder.plant.wait(lambda: recorder.child.exit_code is not None, "its end")
     said = list(recorder.child.last_lines)
@@ -89,5 +90,9 @@ def test_the_bag_is_whole(recorder: Peer, bag: Path) -> None:
     assert recorder.child.exit_code in (0, 2), said
     whole = Bag(bag)
     assert len(list(whole.messages())) == whole.message_count
-    for topic in (SAFETY_GATE, MARKED_JOINT_STATES, MARKED_EE_POSE):  # nobody else speaks there
-        assert whole.counts[topic.name] > 0.9 * COUNT
+    readable = Readable(str)
+    known = {topic.name: topic for topic in TOPICS}
+    kept = [(known[name], each.data) for each in whole.messages() if (name := whole.name_of(each)) in known]
+    assert all(readable.holds(topic, data) for topic, data in kept)
+    for topic in (SAFETY_GATE, MARKED_JOINT_STATES, MARKED_EE_POSE):  # nobody else speaks there; a part is garbage
+        assert whole.counts[topic.name] > 0.4 * COUNT

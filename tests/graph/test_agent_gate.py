@@ -88,7 +88,7 @@ def test_with_phi_the_expert_drives_whole_episodes(gated) -> None:
 
 
 def test_a_threshold_out_of_range_is_refused(gated) -> None:
-    for name, value in (("threshold", -1.0), ("measure", "variance")):
+    for name, value in (("threshold", -0.5), ("measure", "variance")):
         message = Parameter(name, value=value).to_parameter_msg()
         (result,) = gated.call(SetParameters, "agent_node/set_parameters", parameters=[message]).results
         assert not result.successful

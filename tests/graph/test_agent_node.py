@@ -41,11 +41,20 @@ def enable(observer, on: bool) -> None:
     assert (answer.success, answer.message) == (True, "answers states" if on else "silent: the robot holds")
 
 
+def await_silence(observer) -> tuple[int, int, int]:
+    """All that was under way has come: nothing between two reports. Returns how much was heard."""
+    heard, before = (0, 0, 0), None
+    while before != heard:
+        before = heard
+        observer.wait_report(NAME, lambda health: health.message == "disabled")
+        heard = len(observer.ticks), len(observer.deltas), len(observer.decisions)
+    return heard
+
+
 def test_a_disabled_agent_is_silent_and_goes_on_when_enabled(driven) -> None:
     for _ in range(2):
         enable(driven, False)
-        driven.wait_report(NAME, lambda health: health.message == "disabled")  # by now all under way has come
-        heard = len(driven.ticks), len(driven.deltas), len(driven.decisions)
+        heard = await_silence(driven)
         driven.wait_report(NAME, lambda health: health.message == "disabled")
         assert (len(driven.ticks), len(driven.deltas), len(driven.decisions)) == heard
         enable(driven, True)

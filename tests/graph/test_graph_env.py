@@ -34,7 +34,7 @@ def test_a_simulation_that_ends_is_noticed() -> None:
         env = GraphEnv(timeout=PATIENCE)
         env.reset(seed=0)
         children.end(simulation)
-        env._timeout = 0.3
+        env._graph.timeout = 0.3
         with pytest.raises(RledError, match="for a tick"):
             env.step(np.zeros(2, np.float32))
         env.close()

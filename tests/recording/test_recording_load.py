@@ -21,7 +21,7 @@ def measured(script: str, *arguments: str) -> dict[str, Any]:
 def test_killed_recorders_leave_bags_that_all_readers_read() -> None:
     figures = measured("kills.py", "--kills", "3")
     assert figures["readable_bags"] == figures["kills"] == 3
-    assert figures["since_received"]["median_ms"] < 50.0  # the worst case depends on who else uses the machine
+    assert figures["since_received"]["median_ms"] < 250.0  # more than alone: others may use the machine
 
 
 def test_five_topics_at_1_khz_lose_no_message() -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rled_agent.controller import ActorSettings, Controller, load_controller
+from rled_agent.controller import ActorSettings, Controller, load_policies, make_controller
 from rled_agent.policy import load_policy
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.records import Actor
@@ -40,14 +40,14 @@ def drivers(controller: Controller, state: np.ndarray) -> list[Actor]:
 @pytest.mark.parametrize("dropout", [True, False])
 def test_the_share_of_episodes_of_the_expert_is_phi(planar_expert, unsure, dropout):
     agent = unsure if dropout else planar_expert
-    controller = load_controller(str(planar_expert), str(agent), replace(SETTINGS, phi=0.3))
+    controller = make_controller(load_policies(str(planar_expert), str(agent)), replace(SETTINGS, phi=0.3))
     share = drivers(controller, observation(planar_expert)).count(Actor.EXPERT) / EPISODES
     assert abs(share - 0.3) < 4 * np.sqrt(0.3 * 0.7 / EPISODES)
 
 
 def test_phi_changes_from_the_next_episode_on(planar_expert, unsure):
     state = observation(planar_expert)
-    controller = load_controller(str(planar_expert), str(unsure), SETTINGS)
+    controller = make_controller(load_policies(str(planar_expert), str(unsure)), SETTINGS)
     assert set(drivers(controller, state)) == {Actor.AGENT}
     controller.adjust(replace(SETTINGS, phi=1.0))
     assert controller.propose(state).policy.actor is Actor.AGENT
@@ -56,7 +56,7 @@ def test_phi_changes_from_the_next_episode_on(planar_expert, unsure):
 
 def test_an_episode_of_the_expert_is_what_the_expert_would_do(planar_expert, unsure):
     state, expert = observation(planar_expert), load_policy(planar_expert)
-    controller = load_controller(str(planar_expert), str(unsure), replace(SETTINGS, phi=1.0))
+    controller = make_controller(load_policies(str(planar_expert), str(unsure)), replace(SETTINGS, phi=1.0))
     controller.begin()
     proposed = controller.propose(state)
     limit = expert.task.max_delta
@@ -66,8 +66,8 @@ def test_an_episode_of_the_expert_is_what_the_expert_would_do(planar_expert, uns
 
 def test_an_actor_without_dropout_explores_with_noise(planar_expert):
     state, limit = observation(planar_expert), load_policy(planar_expert).task.max_delta
-    still = load_controller("", str(planar_expert), SETTINGS).propose(state).policy.delta
-    noisy = load_controller("", str(planar_expert), replace(SETTINGS, noise=0.1))
+    still = make_controller(load_policies("", str(planar_expert)), SETTINGS).propose(state).policy.delta
+    noisy = make_controller(load_policies("", str(planar_expert)), replace(SETTINGS, noise=0.1))
     drawn = np.array([noisy.propose(state).policy.delta for _ in range(500)])
     deviation = 0.1 * limit  # δ counts in halves of the action range
     median = np.median(np.abs(drawn - still)[np.abs(drawn) < limit])
@@ -76,4 +76,4 @@ def test_an_actor_without_dropout_explores_with_noise(planar_expert):
 
 def test_phi_without_an_expert_is_refused(planar_expert):
     with pytest.raises(RledError, match=r"phi is 0.2 without an expert; accepted: 0"):
-        load_controller("", str(planar_expert), replace(SETTINGS, phi=0.2))
+        make_controller(load_policies("", str(planar_expert)), replace(SETTINGS, phi=0.2))

@@ -2,8 +2,16 @@ import gymnasium
 import numpy as np
 import pytest
 from rled_agent.config import TrainConfig
-from rled_agent.environments import bounds, check_spaces, make_environment, task_of
+from rled_agent.environments import (
+    bounds,
+    check_spaces,
+    environment_of,
+    make_environment,
+    require_robot_of,
+    task_of,
+)
 from rled_agent.rollout import roll_out
+from rled_msgs_py.bags import Bag
 from rled_msgs_py.errors import RledError
 from rled_sim.robots import ROBOTS
 
@@ -17,6 +25,13 @@ def make(name: str, reward: str = "own", starts: np.ndarray | None = None) -> gy
     [
         ("CartPole-v1", "own", r"the action space is Discrete\(2\); accepted: a Box of one dimension"),
         ("NoSuch-v0", "own", "env 'NoSuch-v0'.*accepted: an id that Gymnasium knows"),
+        ("nosuchmodule:Env-v0", "own", "env 'nosuchmodule:Env-v0': No module named 'nosuchmodule'"),
+        ("", "own", "env ''"),
+        (":", "own", "env ':'"),
+        ("a:b:c", "own", "env 'a:b:c'"),
+        ("..x:y", "own", "env '..x:y'"),
+        ("x" * 500, "own", "env 'xxx"),
+        ("Hopper-v5", "sparse", "env 'Hopper-v5'"),
         ("Pendulum-v1", "sparse", "env 'Pendulum-v1' takes no reward; accepted: reward own, no bag"),
     ],
 )
@@ -87,3 +102,21 @@ class Countdown(gymnasium.Env):
 def test_a_roll_out_is_whole_episodes_with_one_seed_each():
     results = roll_out(Countdown(), lambda observation: observation, 3, 4)
     assert [tuple(each) for each in results] == [(4.0, 4, 40, 0), (5.0, 5, 50, 0), (6.0, 6, 60, 0)]
+
+
+def test_the_environment_of_a_robot_is_one_of_this_projects_whatever_it_is_called():
+    assert environment_of("planar") == "rled/PlanarReach-v0"
+    for robot in ("ur5", "os:path", "../evil:x", "x" * 10_000):
+        with pytest.raises(RledError, match=r"has no environment; accepted: one of panda, planar") as caught:
+            environment_of(robot)
+        assert len(str(caught.value)) < 300
+
+
+def test_demonstrations_of_another_robot_name_the_environment_that_fits(planar_bag):
+    bag = Bag(planar_bag)
+    require_robot_of(bag, "rled/PlanarReach-v0")
+    require_robot_of(bag, "Pendulum-v1")  # somebody else's environment says itself that it takes no bag
+    with pytest.raises(
+        RledError, match=r"is of robot planar, env rled/PandaReach-v0 of panda; .*--env rled/PlanarReac"
+    ):
+        require_robot_of(bag, "rled/PandaReach-v0")

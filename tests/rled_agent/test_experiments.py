@@ -13,7 +13,7 @@ import pytest
 from matplotlib.image import imread
 from rled_agent.experiments.archive import Archive, KeptRun, read_folder
 from rled_agent.experiments.draw_figures import main as draw_figures
-from rled_agent.experiments.execution import Stopped, execute, is_done
+from rled_agent.experiments.execution import Stopped, _begun, _can_go_on, execute, is_done
 from rled_agent.experiments.experiment import Drawing, ExperimentError, Library, Run, RunName
 from rled_agent.experiments.pictures import draw
 from rled_agent.experiments.reproduce import EXPERIMENTS, KEPT
@@ -169,16 +169,16 @@ def test_a_run_is_done_once_and_anew_when_its_command_has_changed(tmp_path, plan
 def test_what_was_not_measured_is_no_point_of_a_curve_and_the_file_stays_plain_json(tmp_path):
     name = RunName("e", "v", 3)
     tables = {"metrics": {"step": np.array([1.0, 2.0, 3.0]), "reward": np.array([0.5, np.nan, 0.1 + 0.2])}}
-    archive = Archive(tmp_path)
-    archive.add(KeptRun(name, {"command": ["train_agent"]}, {"config": {"git": "abc"}}, tables))
-    archive.add(KeptRun(RunName("e", "v", 10), {"command": []}, {}, {}))
+    archive, record = Archive(tmp_path), {"command": ["train_agent"], "seconds": 1.5, "processor": "one"}
+    archive.add(KeptRun(name, record, {"config": {"git": "abc"}}, tables))
+    archive.add(KeptRun(RunName("e", "v", 10), record, {}, {}))
     text = (tmp_path / "e.jsonl").read_text()
     first, second = (json.loads(line, parse_constant=pytest.fail) for line in text.splitlines())
     assert (first["variant"], first["seed"], second["seed"]) == ("v", 3, 10)
     assert first["tables"]["metrics"]["reward"] == [0.5, None, 0.1 + 0.2]
     steps, values = Archive(tmp_path).read("e")[name].curve("reward")
     assert (steps.tolist(), values.tolist()) == ([1.0, 3.0], [0.5, 0.1 + 0.2])
-    archive.add(KeptRun(name, {"command": ["train_agent"]}, {"config": {"git": "abc"}}, tables))
+    archive.add(KeptRun(name, record, {"config": {"git": "abc"}}, tables))
     assert (tmp_path / "e.jsonl").read_text() == text
 
 
@@ -397,3 +397,18 @@ def test_a_figure_is_drawn_of_the_runs_that_are_there(tmp_path, monkeypatch):
     monkeypatch.setattr("sys.argv", ["draw_figures"])
     draw_figures()
     assert "*Runs:* 0 of 4, 0.0 processor hours (nowhere yet)." in Path("docs/results.md").read_text()
+
+
+def test_a_run_whose_expert_was_made_anew_begins_anew(tmp_path):
+    run = Run(RunName("e", "v", 0), ("train_agent", "planar_mc", "--expert", "{other/expert}/expert.safetensors"))
+    folder, expert = tmp_path / run.name.folder, tmp_path / "other/expert/seed-0/expert.safetensors"
+    for path in (folder, expert.parent):
+        path.mkdir(parents=True)
+    expert.write_bytes(b"weights")
+    (folder / "checkpoint.safetensors").touch()
+    (folder / "command.txt").write_text(_begun(run, tmp_path))
+    assert _can_go_on(folder, run, tmp_path)
+    (expert.parent / "checkpoint.safetensors").write_bytes(b"is nobody's input")
+    assert _can_go_on(folder, run, tmp_path)
+    expert.write_bytes(b"other weights")
+    assert not _can_go_on(folder, run, tmp_path)

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rled_agent.config import ConfigError
 from rled_agent.flaws import Flaws
+from rled_msgs_py.errors import ContractError
 
 
 def draw(zeta, flaws: Flaws, size: int = 4000):
@@ -51,5 +51,5 @@ def test_parts_of_poor_demonstrations_are_as_poor(zeta):
 
 @pytest.mark.parametrize("given", [{"tremor": -0.1}, {"wrong": 1.1}, {"seed": -1}])
 def test_flaws_that_cannot_be_are_refused(given):
-    with pytest.raises(ConfigError, match=f"{next(iter(given))} is .*; accepted: 0 to"):
+    with pytest.raises(ContractError, match=f"{next(iter(given))} is .*; accepted: 0 to"):
         Flaws(**given)

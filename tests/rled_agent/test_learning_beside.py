@@ -17,6 +17,7 @@ from rled_agent.learners.td3 import Learner, LearnerConfig
 from rled_agent.learning_process import Options, Student
 from rled_agent.learning_state import pack, unpack
 from rled_agent.nn.architecture import Architecture
+from rled_agent.online_learning import OnlineLearning
 from rled_agent.policy import load_policy
 from rled_agent.replay import Replay
 from rled_agent.run_directory import RunDirectory
@@ -254,3 +255,47 @@ def test_a_dead_apprentice_costs_transitions_and_nothing_else(apprentice):
     apprentice.save()
     assert (apprentice.offered, apprentice.dropped) == (1, 1)
     apprentice.close(PATIENCE)
+
+
+def test_learning_does_not_go_on_with_what_another_policy_has_learned(make_policy, tmp_path):
+    state, began, copied, other = (tmp_path / name for name in ("state", "began", "copied", "other"))
+    make_policy(0, dropout=0.1).save(began)
+    make_policy(0, dropout=0.1).save(copied)
+    make_policy(1, dropout=0.1).save(other)
+    Student(Options(began, "slot", state)).save()
+    Student(Options(copied, "slot", state))
+    said = f"holds what another policy than {other} has learned; accepted: .*; go on with --agent {began}, or name"
+    with pytest.raises(CheckpointError, match=said):
+        Student(Options(other, "slot", state))
+    with pytest.raises(CheckpointError, match=said):
+        OnlineLearning(load_policy(other), str(other), str(state), "low").start()
+
+
+def test_learning_does_not_begin_where_its_state_cannot_be_kept(make_policy, tmp_path):
+    (tmp_path / "file").touch()
+    make_policy().save(tmp_path / "policy")
+    learning = OnlineLearning(
+        load_policy(tmp_path / "policy"), str(tmp_path / "policy"), str(tmp_path / "file" / "state"), "low"
+    )
+    with pytest.raises(RledError, match=f"{tmp_path / 'file'} is no folder; .*name another --learning-state"):
+        learning.start()
+
+
+@pytest.mark.parametrize(
+    ("part", "value"),
+    [("added", -1), ("added", 1.5), ("added", "three"), ("added", None), ("updates", 2**70), ("updates", True)],
+)
+def test_a_state_whose_counts_are_none_is_refused(part, value):
+    learner, replay = Learner(3, 2, CONFIG, torch.Generator()), Replay(3, 2, 20)
+    tensors, state = pack(learner, replay)
+    with pytest.raises(CheckpointError, match=f"says .* as {part}; accepted: a whole number, 0 or more"):
+        unpack(Checkpoint(tensors, state | {part: value}), learner, replay)
+
+
+@pytest.mark.parametrize("name", ["replay.rows", "generator"])
+@pytest.mark.parametrize("tensor", [torch.zeros(0), torch.zeros(3, dtype=torch.uint8), torch.zeros(2, 2, 2)])
+def test_a_state_with_a_tensor_of_another_kind_is_refused(name, tensor):
+    learner, replay = Learner(3, 2, CONFIG, torch.Generator()), Replay(3, 2, 20)
+    tensors, state = pack(learner, replay)
+    with pytest.raises(CheckpointError):
+        unpack(Checkpoint(tensors | {name: tensor}, state), learner, replay)

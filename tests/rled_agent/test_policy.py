@@ -107,9 +107,15 @@ def test_another_version_or_a_damaged_header_is_refused(changed, header, what):
 @pytest.mark.parametrize(
     ("tensors", "what"),
     [
-        ({"network.weights.0": torch.zeros(1, 5, 8)}, r"\(1, 5, 8\) as network.weights.0; accepted: \(1, 4, 8\)"),
+        (
+            {"network.weights.0": torch.zeros(1, 5, 8)},
+            r"\(1, 5, 8\) F32 as network.weights.0; accepted: \(1, 4, 8\)",
+        ),
         ({"network.biases.1": None}, r"nothing as network.biases.1; accepted: \(1, 1, 6\)"),
-        ({"observation_scale": torch.ones(3)}, r"\(3,\) as observation_scale; accepted: \(4,\)"),
+        ({"observation_scale": torch.ones(3).double()}, r"\(3,\) F64 as observation_scale; accepted: \(4,\) F64"),
+        ({"observation_scale": torch.ones(4)}, r"\(4,\) F32 as observation_scale; accepted: \(4,\) F64"),
+        ({"network.weights.0": torch.zeros(1, 4, 8).half()}, r"\(1, 4, 8\) F16 as network.weights.0; accepted: .* F32"),
+        ({"network.weights.9": torch.zeros(1)}, "holds network.weights.9; accepted: network.weights.0"),
     ],
 )
 def test_weights_of_another_shape_are_refused(changed, tensors, what):
@@ -141,3 +147,13 @@ def test_a_policy_that_cannot_be_written_is_one_clear_error(tmp_path, make_polic
     (tmp_path / "file").touch()
     with pytest.raises(CheckpointError, match=r"can't write .*policy"):
         make_policy().save(tmp_path / "file" / "policy.safetensors")
+
+
+@pytest.mark.parametrize("name", ["expert.safetensors", "policy.safetensors"])
+def test_the_folder_of_a_training_stands_for_the_policy_in_it(tmp_path, make_policy, name):
+    with pytest.raises(CheckpointError, match=r"no policy in .*; accepted: policy.safetensors or expert.safetensors"):
+        load_policy(tmp_path)
+    policy = make_policy()
+    policy.save(tmp_path / name)
+    found = load_policy(tmp_path)
+    assert (found.network.vector() == policy.network.vector()).all()

@@ -7,7 +7,7 @@ import pytest
 from rled_msgs_py.bags import Bag, BagWriter, review
 from rled_msgs_py.bags.faults import CLOCK_JUMP, INVALID, LOST, NO_ORDER, RENAMED, STOPS, TWO_PUBLISHERS
 from rled_msgs_py.bags.header import moved, stamp_of
-from rled_msgs_py.bags.series import fallen_back, going_on, interleaved
+from rled_msgs_py.bags.stamps import fallen_back, going_on, interleaved
 from rled_msgs_py.records import JointSample, Text
 
 from rled_msgs_py import topics
@@ -128,8 +128,8 @@ def test_joint_names_that_change_midway_are_found(tmp_path):
     faults = reviewed(tmp_path, found).faults
     (fault,) = [each for each in faults if each.kind == RENAMED]
     assert fault.topics == ("joint_states",)
-    assert fault.first == 49 * PERIOD
-    assert fault.what == "message 50 is of shoulder, wrist, the first of shoulder, elbow (and 29 more)"
+    assert (fault.first, fault.last) == (50 * PERIOD, 79 * PERIOD)
+    assert fault.what == "message 50 is of shoulder, wrist: it lacks elbow (and 29 more)"
 
 
 def test_a_message_that_is_not_valid_is_found(tmp_path):

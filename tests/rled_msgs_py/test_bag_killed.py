@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from rled_msgs_py.bags import Bag, BagError, BagWriter, repair
 from rled_msgs_py.bags.header import stamp_of
+from rled_msgs_py.bags.mcap_journal import journals_of
 from rled_msgs_py.bags.mcap_output import Output
 from rled_msgs_py.messages import encode
 from rled_msgs_py.topics import JOINT_STATES, RECORDED
@@ -70,7 +71,7 @@ def test_a_killed_recorder_loses_nothing_that_it_had_kept(tmp_path, seed):
         child.send_signal(signal.SIGKILL)
         said += child.stdout.readlines()
     ticks = sum(line.endswith(b"\n") for line in said)
-    with pytest.raises(BagError, match=r"no metadata\.yaml.*repair_bag"):
+    with pytest.raises(BagError, match=r"no metadata\.yaml.*demos repair "):
         Bag(path)
     assert len(repair(path).lost) <= 1
     bag = Bag(path)
@@ -138,7 +139,7 @@ def test_wherever_a_recorder_breaks_off_each_kept_message_is_there_once_and_in_o
             bag = Bag(path)
             assert bag.message_count in (count, count + 1)  # the one in progress may be whole
             assert_begins_the_recording(bag, bag.message_count)
-            assert not list(path.glob("*.journal*"))
+            assert not any(map(Path.exists, journals_of(path / "bag_0.mcap")))
     assert os.waitstatus_to_exitcode(status) == 0  # it came to its end
 
 
@@ -166,7 +167,7 @@ def test_a_flipped_bit_in_a_journal_costs_one_message_and_is_said(tmp_path):
 @pytest.mark.parametrize("content", [b"", b"no journal"])
 def test_a_journal_that_is_none_is_said_and_the_file_repaired_without_it(tmp_path, content):
     leave_unfinished(tmp_path / "bag", recording(4), are_filed=True).write_bytes(content)
-    assert [len(each) if isinstance(each, list) else each for each in repair(tmp_path / "bag")] == [22, 1]
+    assert [len(each) if isinstance(each, list) else each for each in repair(tmp_path / "bag")] == [22, 1, 2]
 
 
 def test_a_journal_alone_that_is_none_leaves_nothing_to_save(tmp_path):
@@ -259,7 +260,7 @@ def test_a_repair_that_is_killed_loses_nothing(unfinished, tmp_path):
     killed += f"from rled_msgs_py.bags import repair; repair({str(file.parent)!r})"
     assert subprocess.run([sys.executable, "-c", killed], timeout=60, check=False).returncode == -signal.SIGKILL
     assert file.read_bytes() == data
-    assert repair(file.parent) == (safe[-1][1], [])
+    assert repair(file.parent) == (safe[-1][1], [], [])
     assert sorted(each.name for each in file.parent.iterdir()) == ["bag_0.mcap", "metadata.yaml"]
 
 

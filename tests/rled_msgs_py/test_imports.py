@@ -11,7 +11,7 @@ BLOCKED = (
     "rclpy", "pybullet", "std_msgs", "sensor_msgs", "geometry_msgs", "diagnostic_msgs", "builtin_interfaces",
     "rcl_interfaces", "torch",
 )  # fmt: skip
-PURE = ("bags", "errors", "files", "messages", "params", "records", "repair_bag", "task", "tick", "topics")
+PURE = ("bags", "errors", "files", "messages", "params", "records", "task", "tick", "topics")
 
 
 def run(program):

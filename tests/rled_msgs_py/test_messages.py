@@ -183,7 +183,7 @@ def diagnostic(level=DiagnosticStatus.OK, message="ok", **values):
 def test_a_status_with_another_kind_of_value_is_refused(field, value):
     message = to_msg(TaskStatus(0, 1, 2, -0.25, 3, True, 4, False, True))
     next(pair for pair in message.status[0].values if pair.key == field).value = value
-    with pytest.raises(ContractError, match=f"'{value}' in a status"):
+    with pytest.raises(ContractError, match=f"'{value[:20]}.*' in a status"):
         from_msg(TASK_STATUS, message)
 
 

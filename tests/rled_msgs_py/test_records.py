@@ -14,11 +14,17 @@ def test_delta_that_is_not_finite_is_refused(bad):
         DeltaCommand(0, NAMES, np.array([0.0, bad]))
 
 
-@pytest.mark.parametrize("field", ["position", "velocity"])
-def test_joint_sample_with_nan_is_refused(field):
-    values = {"position": [0.0, 0.0], "velocity": [0.0, 0.0]} | {field: [0.0, float("nan")]}
-    with pytest.raises(ContractError, match=f"{field} holds nan; accepted: finite numbers"):
-        JointSample(0, NAMES, **values)
+@pytest.mark.parametrize("bad", [float("nan"), float("inf")])
+def test_a_joint_that_is_not_known_is_refused_where_it_is_used(bad):
+    sample = JointSample(7, ("finger", *NAMES), [bad, 1.0, 2.0], [bad, bad, bad])
+    assert sample.ordered(NAMES).position.tolist() == [1.0, 2.0]
+    with pytest.raises(ContractError, match=r"the joint state of 7 ns: finger is at .*accepted: a finite position"):
+        sample.ordered(("shoulder", "finger"))
+
+
+def test_a_sample_without_a_joint_is_refused_where_it_is_used():
+    with pytest.raises(ContractError, match=r"joint state of 7 ns names shoulder; accepted: .*lacks elbow"):
+        JointSample(7, ("shoulder",), [1.0], [0.0]).ordered(NAMES)
 
 
 @pytest.mark.parametrize("values", [[], [0.0], [0.0, 0.0, 0.0], [[0.0, 0.0]]])

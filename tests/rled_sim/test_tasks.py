@@ -1,14 +1,19 @@
 import math
 from dataclasses import replace
 
+import gymnasium
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from rled_msgs_py.errors import ContractError
+from rled_sim.envs import ReachEnv
 from rled_sim.kinematics import solve_position
 from rled_sim.robots import ROBOTS
+from rled_sim.sim_params import SimParams
 from rled_sim.tasks import Episode, panda_risk, planar_risk, reach_task, squared_distance
+
+from rled_sim import ENVIRONMENTS
 
 PANDA, PLANAR = ROBOTS["panda"], ROBOTS["planar"]
 HERE = (0.5, 0.0, 0.5)
@@ -192,3 +197,19 @@ def test_a_spread_that_is_no_length_is_refused(spread):
 def test_unknown_reward_is_refused():
     with pytest.raises(ContractError, match="reward 'shaped'; accepted: dense, sparse"):
         reach_task(PANDA, reward="shaped")
+
+
+def test_a_robot_without_a_task_is_refused_by_everything_that_needs_one(monkeypatch):
+    monkeypatch.setitem(ROBOTS, "new", replace(PLANAR, name="new"))
+    said = "robot 'new' has no task; accepted: a robot that has one: panda, planar; to give it one, write a function in"
+    for use in (lambda: reach_task(ROBOTS["new"]), lambda: ReachEnv("new"), lambda: SimParams(robot="new")):
+        with pytest.raises(ContractError, match=said):
+            use()
+
+
+def test_every_environment_has_a_robot_with_a_task():
+    assert {name: gymnasium.spec(env).kwargs["robot"] for name, env in ENVIRONMENTS.items()} == {
+        name: name for name in ENVIRONMENTS
+    }
+    for name in ENVIRONMENTS:
+        assert reach_task(ROBOTS[name]).description.robot == name

@@ -1,6 +1,8 @@
 """Sticks and buttons, the device behind them, and the mapping of kinesthetic mode; without ROS."""
 
+import os
 from collections import namedtuple
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -200,3 +202,68 @@ def test_the_robot_follows_straight_and_holds_when_the_device_is_silent(jog):
     np.testing.assert_allclose(follower.delta(jog, Q, 0.1), [0.05, -0.025])
     np.testing.assert_allclose(follower.delta(jog, np.array([-0.4, 1.41]), 0.1), [0.0, -0.01])
     assert follower.delta(jog, Q, 0.3) is None
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "elbow: {name: ä}".encode("latin-1"),
+        "elbow: {name: b}".encode("utf-16"),
+        b"\x00",
+        b"[" * 30_000,
+        b"a: " + b"{a: " * 30_000,
+        b"x: &x [1, 1]\ny: &y [*x, *x, *x, *x]\nz: [*y, *y]",
+        b"- elbow",
+        b"elbow: 3",
+        b"elbow: {name: [b]}",
+        b"elbow: {scale: 1" + b"0" * 350 + b"}",
+        b"elbow: {offset: .nan}",
+        b"elbow: {scale: true}",
+        b"elbow: {scale: '1.0'}",
+        b"3: {name: b}",
+        b"? [a]\n: b",
+        b"elbow: !!python/name:os.system",
+        b"a" * (5 << 20),
+    ],
+    ids=range(17),
+)
+def test_a_mapping_file_from_elsewhere_is_refused_in_a_short_line(tmp_path, content):
+    path = tmp_path / "map.yaml"
+    path.write_bytes(content)
+    with pytest.raises(RledError, match="the mapping") as caught:
+        RecordingMapping.from_yaml(str(path), ("shoulder", "elbow"))
+    assert len(str(caught.value)) < 500
+
+
+@pytest.mark.parametrize("make", [lambda path: None, Path.mkdir, os.mkfifo], ids=["gone", "folder", "pipe"])
+def test_a_mapping_file_that_is_none_is_named(tmp_path, make):
+    path = tmp_path / "map.yaml"
+    make(path)
+    with pytest.raises(RledError, match=f"the mapping {path}"):
+        RecordingMapping.from_yaml(str(path), ("shoulder", "elbow"))
+
+
+def test_what_the_device_says_beside_its_joints_is_passed_over(jog):
+    follower = Follower(RecordingMapping.from_yaml("", ("shoulder", "elbow")), speed=0.5, timeout=0.3)
+    unknown = {"finger": float("nan"), "thumb": float("inf")}
+    follower.take(sample(**unknown, shoulder=-0.4, elbow=1.4), 0.0)
+    np.testing.assert_allclose(follower.delta(jog, Q, 0.1), [0.05, -0.025])
+    follower.take(sample(**unknown), 0.1)
+    np.testing.assert_allclose(follower.delta(jog, Q, 0.1), [0.05, -0.025])
+
+
+def test_a_device_of_two_publishers_is_put_together(jog):
+    follower = Follower(RecordingMapping.from_yaml("", ("shoulder", "elbow")), speed=0.5, timeout=0.3)
+    with pytest.raises(RledError, match="no joint elbow"):
+        follower.take(sample(shoulder=-0.4), 0.0)
+    follower.take(sample(elbow=1.4), 0.05)
+    np.testing.assert_allclose(follower.delta(jog, Q, 0.1), [0.05, -0.025])
+    with pytest.raises(RledError, match="no joint elbow"):
+        follower.take(sample(shoulder=-0.4), 0.36)  # the other half is silent by now
+    assert follower.delta(jog, Q, 0.4) is None
+
+
+def test_a_device_joint_that_is_not_known_is_named():
+    follower = Follower(RecordingMapping.from_yaml("", ("shoulder", "elbow")), speed=0.5, timeout=0.3)
+    with pytest.raises(RledError, match="the device is at nan with its joint elbow"):
+        follower.take(sample(shoulder=0.0, elbow=float("nan"), finger=0.1), 0.0)

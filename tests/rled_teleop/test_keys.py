@@ -1,18 +1,22 @@
 """What keys mean, without a terminal: deadman, speed, requests."""
 
 import contextlib
+import fcntl
 import os
 import pty
+import re
+import select
 import string
+import struct
 import termios
 
 import numpy as np
 import pytest
 from rled_msgs_py.errors import RledError
 from rled_teleop.jog import Jog
-from rled_teleop.keyboard_screen import Shown, screen, waiting_screen
+from rled_teleop.keyboard_screen import HELP, RULE, Shown, screen, waiting_screen
 from rled_teleop.keys import FASTER, LINEAR, REQUESTS, SLOWER, TURNS, Keyboard, Request
-from rled_teleop.terminal import Screen, TerminalGone, keyboard_screen, split_keys
+from rled_teleop.terminal import Screen, TerminalGone, fitted, keyboard_screen, split_keys
 
 Q = np.array([-0.8, 1.6])
 
@@ -44,8 +48,23 @@ def test_digits_choose_a_joint_and_stop(keyboard, jog):
     assert keyboard.delta(jog, Q, 0.0) is None
     keyboard.press("left", 0.0)
     np.testing.assert_allclose(keyboard.delta(jog, Q, 0.0), [0.0, -0.025])
-    keyboard.press("3", 0.0)  # there is no third joint
+
+
+@pytest.mark.parametrize("key", ["0", "3", "9"])
+def test_a_digit_without_a_joint_stops_and_is_answered_until_the_next_key(keyboard, jog, task, arm, key):
+    keyboard.press("2", 0.0)
+    keyboard.press("right", 0.0)
+    keyboard.press(key, 0.0)
     assert keyboard.joint == 1
+    assert keyboard.delta(jog, Q, 0.0) is None
+    shown = Shown(task, arm.tick(), keyboard.motion(0.0), None, "")
+    assert f"there is no joint {key}: 1 to 2" in "\n".join(screen(keyboard, shown))
+    keyboard.press("1", 0.0)
+    assert "no joint" not in "\n".join(screen(keyboard, shown))
+    for no_digit in ("³", "٣", "९"):
+        keyboard.press(no_digit, 0.0)
+        assert keyboard.joint == 0
+        assert not keyboard.refused
 
 
 def test_the_end_effector_moves_along_an_axis(keyboard, jog, chain):
@@ -118,6 +137,76 @@ def test_a_screen_is_drawn_over_itself_and_only_when_it_changes(terminal):
     assert os.read(master, 1000).startswith(b"\x1b[2A\rone\x1b[K")
 
 
+def sent(master):
+    """What the terminal was sent until now."""
+    text = b""
+    while select.select([master], [], [], 0)[0]:
+        text += os.read(master, 100_000)
+    return text.decode()
+
+
+def resized(slave, rows, columns):
+    fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", rows, columns, 0, 0))
+
+
+class Emulator:
+    """A terminal of some rows: what is on it, and what has scrolled out of it."""
+
+    def __init__(self, rows):
+        self.rows, self.lines, self.row, self.scrolled = rows, [""] * rows, 0, []
+
+    def feed(self, text):
+        for up, code, letter in re.findall(r"\x1b\[(\d+)A|(\x1b\[[?\d]*[a-zA-Z])|(.)", text, re.DOTALL):
+            if up:
+                self.row = max(self.row - int(up), 0)
+            elif code == "\x1b[H":
+                self.row, self.lines[0] = 0, ""
+            elif code == "\x1b[J":
+                kept = self.row + (self.rows == 1)
+                self.lines[kept:] = [""] * (self.rows - kept)
+            elif letter == "\r":
+                self.lines[self.row] = ""
+            elif letter == "\n" and self.row == self.rows - 1:
+                self.scrolled.append(self.lines.pop(0))
+                self.lines.append("")
+            elif letter == "\n":
+                self.row += 1
+            elif letter:
+                self.lines[self.row] += letter
+
+
+@pytest.mark.parametrize("columns", [1, 2, 20, 80])
+@pytest.mark.parametrize("rows", [*range(1, 13), 24])
+def test_a_terminal_of_any_size_is_never_scrolled_and_shows_the_newest(terminal, keyboard, task, arm, rows, columns):
+    master, slave = terminal
+    resized(slave, rows, columns)
+    drawn, shown = Emulator(rows), Screen(slave, slave)
+    for number in range(5):
+        lines = [f"{number} {line}" for line in screen(keyboard, Shown(task, arm.tick(), None, None, ""))]
+        shown.draw(lines)
+        drawn.feed(sent(master).replace("\r\n", "\n"))
+    seen = [line for line in drawn.lines if line]
+    assert drawn.scrolled == []
+    assert seen == ([line[: columns - 1] for line in lines[: max(rows - 1, 1)]] if columns > 1 else [])
+
+
+def test_what_does_not_fit_are_rules_first_and_then_the_help(keyboard, task, arm):
+    lines = screen(keyboard, Shown(task, arm.tick(), None, None, "ready"))
+    assert fitted(lines, len(lines)) == lines
+    assert fitted(lines, 6) == [line for line in lines if line not in (RULE, *HELP)]
+
+
+def test_a_terminal_that_was_resized_is_drawn_anew_from_its_top(terminal):
+    master, slave = terminal
+    shown = Screen(slave, slave)
+    for rows, columns, begin in ((24, 80, "\ra"), (8, 80, "\x1b[H\ra"), (8, 20, "\x1b[H\ra")):
+        resized(slave, rows, columns)
+        shown.draw(["a", "b"])
+        assert sent(master).startswith(begin)
+    shown.draw(["a", "c"])
+    assert sent(master).startswith("\x1b[2A\ra")
+
+
 def test_a_closed_terminal_is_said(terminal):
     master, slave = terminal
     shown = Screen(slave, slave)
@@ -166,4 +255,4 @@ def test_the_screen_says_what_moves(keyboard, task, arm):
     assert "speed 25 %" in text
     assert "largest step 0.0250 of 0.1 rad" in text
     assert "recorder: recording" in text
-    assert "waiting" in "\n".join(waiting_screen(""))
+    assert "waiting" in "\n".join(waiting_screen("task_description", ""))

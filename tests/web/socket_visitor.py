@@ -47,7 +47,11 @@ class SocketVisitor:
         self.send(camera)
 
     def send(self, message: Any) -> None:
-        self._socket.send(msgspec.msgpack.encode(message.as_serializable_dict([])))
+        self.send_raw(msgspec.msgpack.encode(message.as_serializable_dict([])))
+
+    def send_raw(self, data: bytes) -> None:
+        """Send bytes that no message may be made of."""
+        self._socket.send(data)
 
     def _read(self) -> None:
         with suppress(ConnectionClosed):
@@ -103,6 +107,10 @@ class SocketVisitor:
     def labels(self) -> set[str]:
         """Labels of all that is visible."""
         return {str(each["label"]) for each in list(self._elements.values()) if each.get("label") and each["visible"]}
+
+    def colours(self) -> set[str]:
+        """Colours of all buttons."""
+        return {str(each["color"]) for each in list(self._elements.values()) if each.get("color")}
 
     def plots(self) -> set[str]:
         """Titles of the plots that are visible."""

@@ -3,13 +3,16 @@
 import pytest
 from rled_msgs_py.errors import RledError
 from rled_teleop.web.access import Access, access_for
-from rled_teleop.web.guard import Allowance
+from rled_teleop.web.connection import Allowance
+from rled_teleop.web.request import read_request
+from websockets.datastructures import Headers
 
 TOKEN = "correct horse battery"
+HERE = Headers(Host="localhost:8080")
 
 
 def ask(access: Access, target: str = "/", **headers: str) -> bool:
-    return access.verdict(target, {"Host": "localhost:8080"} | headers).allowed
+    return access.verdict(read_request(target, Headers({"Host": "localhost:8080"} | headers))).allowed
 
 
 @pytest.mark.parametrize("host", ["localhost:8080", "127.0.0.1:8080", "127.0.0.2", "[::1]:8080", "localhost"])
@@ -17,7 +20,9 @@ def test_page_called_by_a_name_of_this_machine_is_served(host: str) -> None:
     assert ask(Access(), Host=host)
 
 
-@pytest.mark.parametrize("host", ["evil.example:8080", "localhost.evil.example", "10.0.0.1:8080", "", "127.0.0.1.x"])
+@pytest.mark.parametrize(
+    "host", ["evil.example:8080", "localhost.evil.example", "10.0.0.1:8080", "[2001:db8::1]", "127.0.0.1.x"]
+)
 def test_page_called_by_another_name_is_refused(host: str) -> None:
     assert not ask(Access(), Host=host)
 
@@ -25,7 +30,7 @@ def test_page_called_by_another_name_is_refused(host: str) -> None:
 @pytest.mark.parametrize("token", ["", TOKEN])
 @pytest.mark.parametrize("origin", ["http://evil.example", "http://localhost:9999", "null", "https://localhost"])
 def test_websocket_of_another_site_is_refused(token: str, origin: str) -> None:
-    cookie = Access(TOKEN).verdict(f"/?token={TOKEN}", {}).cookie
+    cookie = Access(TOKEN).verdict(read_request("/?token=correct%20horse%20battery", HERE)).cookie
     assert not ask(Access(token), Upgrade="websocket", Origin=origin, Cookie=cookie)
     assert not ask(Access(token), Upgrade="WebSocket", Origin=origin, Cookie=cookie)
 
@@ -34,7 +39,9 @@ def test_websocket_of_the_page_itself_is_served() -> None:
     assert ask(Access(), Upgrade="websocket", Origin="http://localhost:8080")
 
 
-@pytest.mark.parametrize("target", ["/", "/?token=", "/?token=wrong", "/?token=correct", f"/?token={TOKEN}x"])
+@pytest.mark.parametrize(
+    "target", ["/", "/?token=", "/?token=wrong", "/?token=correct", "/?token=correct+horse+batteryx"]
+)
 def test_without_the_right_token_nothing_is_served(target: str) -> None:
     assert not ask(Access(TOKEN), target)
     assert not ask(Access(TOKEN), target, Upgrade="websocket", Origin="http://localhost:8080")
@@ -42,7 +49,7 @@ def test_without_the_right_token_nothing_is_served(target: str) -> None:
 
 
 def test_right_token_gives_a_cookie_that_opens_the_page() -> None:
-    verdict = Access(TOKEN).verdict("/?token=correct%20horse%20battery", {"Host": "robot.example"})
+    verdict = Access(TOKEN).verdict(read_request("/?token=correct+horse%20battery", Headers(Host="robot.example")))
     assert verdict.allowed
     assert TOKEN not in verdict.cookie
     assert ask(Access(TOKEN), Host="robot.example", Cookie=f"a=b; {verdict.cookie}")
@@ -51,7 +58,7 @@ def test_right_token_gives_a_cookie_that_opens_the_page() -> None:
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.168.1.5", "robot.example"])
 def test_other_machines_need_a_token(host: str) -> None:
-    with pytest.raises(RledError, match="--token"):
+    with pytest.raises(RledError, match="--token-file"):
         access_for(host, "")
     assert access_for(host, TOKEN) == Access(TOKEN)
 

@@ -1,11 +1,11 @@
 """The gate in front of the page, asked by plain HTTP and WebSocket clients; no browser, no robot."""
 
 import http.client
+import socket
 import subprocess
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from socket import SHUT_RDWR
 from threading import Thread
 from typing import Any
 
@@ -13,7 +13,8 @@ import msgspec.msgpack
 import pytest
 import viser
 from rled_msgs_py.processes import program
-from rled_teleop.web.guard import BURST, MESSAGE_RATE, MOST_CONNECTIONS
+from rled_teleop.web.connection import BURST, MESSAGE_RATE
+from rled_teleop.web.guard import MOST_CONNECTIONS
 from viser import _messages as messages
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
@@ -50,6 +51,48 @@ def open_socket(address: str, **headers: str) -> ClientConnection:
     )
 
 
+HOST, GET = b"Host: localhost\r\n", b"GET / HTTP/1.1\r\n"
+MALFORMED = {
+    b"GET /\r\n\r\n": 400,
+    b"GET / HTTP/1.0\r\n" + HOST + b"\r\n": 400,
+    b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n": 400,
+    b"POST / HTTP/1.1\r\n" + HOST + b"Content-Length: 3\r\n\r\nabc": 400,
+    b"\x16\x03\x01\x02\x00\x01\x00\r\n\r\n": 400,
+    b"GET / HTTP/1.1\n" + HOST + b"\n": 400,
+    b"GET  /  HTTP/1.1\r\n" + HOST + b"\r\n": 400,
+    b"GET /%zz HTTP/1.1\r\n" + HOST + b"\r\n": 400,
+    b"GET /%00 HTTP/1.1\r\n" + HOST + b"\r\n": 400,
+    b"GET /\xff HTTP/1.1\r\n" + HOST + b"\r\n": 400,
+    b"GET /" + b"a" * 3000 + b" HTTP/1.1\r\n" + HOST + b"\r\n": 414,
+    b"GET /" + b"a" * 30000 + b" HTTP/1.1\r\n" + HOST + b"\r\n": 431,
+    GET + b"\r\n": 400,
+    GET + HOST + HOST + b"\r\n": 400,
+    GET + b"Host: [::1\r\n\r\n": 400,
+    GET + b"Host: \xc3\xb6\r\n\r\n": 400,
+    GET + HOST + b"Origin: http://[::1\r\n\r\n": 400,
+    GET + HOST + b"Cookie: a=\xff\r\n\r\n": 400,
+    GET + HOST + b"Cookie: a=\0\r\n\r\n": 400,
+    GET + HOST + b"Transfer-Encoding: chunked\r\n\r\n0\r\n\r\n": 400,
+    GET + HOST + b"Content-Length: 5\r\n\r\nhello": 400,
+    GET + HOST + b"Content-Length: 0\r\nContent-Length: 0\r\n\r\n": 400,
+    GET + HOST + b"no colon\r\n\r\n": 400,
+    GET + HOST + b"X: " + b"a" * 2_000_000 + b"\r\n\r\n": 431,
+    GET + HOST + b"X: a\r\n" * 300 + b"\r\n": 431,
+    GET + HOST + b"Upgrade: websocket\r\nUpgrade: h2c\r\n\r\n": 403,
+    GET + HOST + b"Accept-Encoding: gzip\r\nAccept-Encoding: br\r\n\r\n": 403,
+}
+
+
+@pytest.mark.parametrize("request_bytes", MALFORMED, ids=lambda data: repr(data[:60]))
+def test_malformed_request_is_answered(address: str, request_bytes: bytes) -> None:
+    host, port = address.removeprefix("http://").split(":")
+    with socket.create_connection((host, int(port)), 20.0) as opened:
+        with suppress(OSError):  # it may be refused before it has been sent
+            opened.sendall(request_bytes)
+        answer = opened.makefile("rb").readline().split()
+    assert answer[:2] == [b"HTTP/1.1", str(MALFORMED[request_bytes]).encode()]
+
+
 def test_wrong_token_is_refused(address: str) -> None:
     for target in ("/", "/?token=wrong-horse-battery", "/index.html", "/..%2f..%2fsetup.py"):
         answer = get(address, target)
@@ -84,7 +127,7 @@ def test_more_connections_than_allowed_are_refused(address: str, cookie: str) ->
 
 
 def test_a_flood_is_read_at_the_allowed_rate_and_the_page_still_answers(address: str, cookie: str) -> None:
-    text = messages.LocalStorageGetItemResponseMessage(value="x" * 50_000, error=None, request_uuid="none")
+    text = messages.LocalStorageGetItemResponseMessage(value="x" * 900, error=None, request_uuid="none")
     data = msgspec.msgpack.encode(text.as_serializable_dict([]))
     flood, sent = open_socket(address, Cookie=cookie), []
 
@@ -94,18 +137,25 @@ def test_a_flood_is_read_at_the_allowed_rate_and_the_page_still_answers(address:
                 flood.send(data)
                 sent.append(time.monotonic())
 
-    pouring = Thread(target=pour, daemon=True)
+    def read() -> None:
+        with suppress(ConnectionClosed):
+            for _ in flood:
+                pass
+
+    pouring, reading = Thread(target=pour, daemon=True), Thread(target=read, daemon=True)
     began, slowest = time.monotonic(), 0.0
+    reading.start()
     pouring.start()
     while time.monotonic() - began < 4.0:
         asked = time.monotonic()
         assert get(address, "/", Cookie=cookie).status == 200
         slowest = max(slowest, time.monotonic() - asked)
     seconds = time.monotonic() - began
-    flood.socket.shutdown(SHUT_RDWR)
+    flood.socket.shutdown(socket.SHUT_RDWR)
     pouring.join(10.0)
+    reading.join(10.0)
     print(f"flood: {len(sent)} messages in {seconds:.1f} s, slowest page {slowest:.2f} s")
-    buffered = 400  # what fits into both ends' sockets and queues
+    buffered = 12e6 / len(data)  # what Linux lets both ends' sockets hold, which is memory of nobody's process
     assert 0 < len(sent) <= BURST + MESSAGE_RATE * seconds + buffered
     assert slowest < 5.0
 

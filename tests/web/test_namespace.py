@@ -23,5 +23,5 @@ def test_what_the_page_starts_is_in_its_namespace(left):
         before = left.wait_ticks(1)[-1].ee.position[1]
         with me.holding("y +"):
             left.wait(lambda: left.ticks[-1].ee.position[1] > before + 0.01, "motion")
-        names = {f"{space.rstrip('/')}/{name}" for name, space in left.node.get_node_names_and_namespaces()}
-    assert {"/left/sim", "/left/teleop_web", "/left/web_operator"} <= names
+        wanted = {("sim", "/left"), ("teleop_web", "/left"), ("web_operator", "/left")}
+        left.wait(lambda: wanted <= set(left.node.get_node_names_and_namespaces()), "the nodes to be discovered")

@@ -1,10 +1,14 @@
 """What is drawn: trail, curves, limits, the robot's links, the list of episodes."""
 
+import json
 import math
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rled_msgs_py.bags import Bag, BagWriter
+from rled_msgs_py.bags.review import review
 from rled_msgs_py.records import (
     Actor,
     DeltaCommand,
@@ -15,14 +19,18 @@ from rled_msgs_py.records import (
     Level,
     PoseSample,
     TaskStatus,
+    Text,
 )
-from rled_msgs_py.tick import Tick
+from rled_msgs_py.tick import STATE_TOPICS, Tick
+from rled_msgs_py.topics import EPISODE_EVENTS, JOINT_DELTA, ROBOT_DESCRIPTION, TASK_DESCRIPTION
 from rled_sim.robots import ROBOTS
 from rled_sim.tasks import reach_task
+from rled_teleop.web import rows
 from rled_teleop.web.curves import DECISIONS, EPISODES, Curves
 from rled_teleop.web.episode_log import EpisodeLog
 from rled_teleop.web.limits import arc, edges
 from rled_teleop.web.robot import Link, load_robot, pose_of, product, quaternion
+from rled_teleop.web.rows import MOST_TICKS
 from rled_teleop.web.trail import COLOURS, LONGEST, Trail
 from rled_teleop.web.watched import MOST_REPORTS, Watched
 
@@ -161,6 +169,62 @@ def test_an_episode_is_listed_with_its_state_and_measured_when_it_has_ended() ->
     assert entry.seconds == pytest.approx(0.38)
     log.add_event("discard", 0, "reached")
     assert [each.state for each in log.entries()] == ["discard"]
+
+
+def test_an_episode_in_real_time_is_measured_as_its_bag_is(tmp_path: Path) -> None:
+    log, ticks = EpisodeLog(), real_time(targets=12)
+    path = tmp_path / "bag"
+    with BagWriter(path) as bag:
+        bag.write(TASK_DESCRIPTION, Text(TASK.to_json()))
+        bag.write(ROBOT_DESCRIPTION, Text(PLANAR.description))
+        for event, stamp in (("start", 0), ("stop", ticks[-1].stamp)):
+            if event == "stop":
+                for each in ticks:
+                    log.add_tick(each)
+                    for topic, record in zip(STATE_TOPICS, each, strict=True):
+                        bag.write(topic, record)
+                    if each.status.step % 2 == 0:
+                        command = DeltaCommand(each.stamp, TASK.joint_names, np.array([0.01, 0.0]))
+                        log.add_delta(command)
+                        bag.write(JOINT_DELTA, command)
+            log.add_event(event, 0, "")
+            bag.write(EPISODE_EVENTS, Text(json.dumps({"event": event, "episode": 0, "stamp": stamp})))
+    log.measure(TASK)
+    (entry,), (quality,) = log.entries(), review(Bag(path)).qualities
+    assert entry.quality is not None
+    assert (entry.quality.reached, entry.quality.detour) == (quality.reached, quality.detour)
+
+
+def real_time(targets: int) -> list[Tick]:
+    """A drive in which each second tick is a hold, which repeats the step, and the last target is not reached."""
+    steps = np.arange(20 * targets) // 2
+    return [tick(k, 0.001 * step, 0, step, 0.0, step // 10) for k, step in enumerate(steps.tolist())]
+
+
+def test_an_hour_of_one_episode_takes_some_megabytes() -> None:
+    log = EpisodeLog()
+    log.add_event("start", 0, "")
+    tracemalloc.start()
+    for k in range(5_000):
+        log.add_tick(tick(k, 0.001 * k))
+        log.add_delta(DeltaCommand(k * TASK.period, TASK.joint_names, np.zeros(2)))
+    taken, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert taken * MOST_TICKS / 5_000 < 12e6
+
+
+def test_later_ticks_than_the_most_and_other_joints_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rows, "MOST_TICKS", 10)
+    kept = rows.Rows()
+    for k in range(20):
+        strange = tick(k, 0.0)._replace(joints=JointSample(k, ("x", "y"), np.zeros(2), np.zeros(2)))
+        kept.add_tick(tick(k, 0.1 * k) if k != 3 else strange)
+        kept.add_delta(DeltaCommand(k * TASK.period, TASK.joint_names[::-1], np.array([0.02, 0.01])))
+    line = kept.timeline(TASK.joint_names[::-1])
+    assert line.moments.tolist() == [k * TASK.period for k in range(11) if k != 3]
+    assert line.q[-1] == pytest.approx([1.0, 1.0])
+    assert line.q[1] == pytest.approx([1.0, 0.1])
+    assert line.action[0] == pytest.approx([0.02, 0.01])
 
 
 def test_another_recorder_begins_the_list_anew() -> None:

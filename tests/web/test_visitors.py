@@ -115,6 +115,14 @@ def test_a_second_visitor_drives_when_the_first_has_gone(visitor: Any, watcher: 
         watcher.await_that(watcher.moves, "motion")
 
 
+def test_only_what_can_be_used_looks_so(visitor: Any, watcher: Any) -> None:
+    driver, other = visitor(), visitor()
+    watcher.await_that(lambda: "Simulation" in driver.labels() and "Simulation" not in other.labels(), "the switches")
+    watcher.await_that(lambda: other.is_disabled("y +") and not driver.is_disabled("y +"), "the buttons")
+    assert driver.is_disabled("Replay")
+    assert "gray" not in driver.colours()
+
+
 def test_any_visitor_stops_and_only_the_driver_releases(visitor: Any, watcher: Any, mode: str) -> None:
     driver, other = visitor(), visitor()
     other.click("EMERGENCY STOP")
@@ -136,6 +144,24 @@ def test_a_silent_driver_can_be_relieved(visitor: Any, watcher: Any) -> None:
     other.click("Drive")
     watcher.await_that(lambda: "You drive" in other.text(), "the wheel")
     assert "You watch" in silent.text() or watcher.await_that(lambda: "You watch" in silent.text(), "the news")
+
+
+def test_what_a_control_does_not_offer_springs_back(visitor: Any, watcher: Any, bags: Path) -> None:
+    me = visitor()
+    for label, values in {
+        "Bag": ["/etc", str(bags), "..", str(bags / "nothing"), 7, True, ""],
+        "Episode": ["99", "-1", "x"],
+        "Simulation": ["estop", "token", 1],
+        "Speed %": [0, 101, -5.0, 1e308, "50", "fast", True],
+    }.items():
+        before = me.value(label)
+        for value in values:
+            springs = me.received["GuiUpdateMessage"]
+            me.enter(label, value)
+            watcher.await_that(lambda springs=springs: me.received["GuiUpdateMessage"] > springs, f"{label} again")
+            watcher.await_that(lambda label=label, before=before: me.value(label) == before, f"{label} as it was")
+    assert str(bags) not in me.text()
+    assert "/etc" not in me.text()
 
 
 def test_two_recorded_episodes_make_a_bag_that_passes_and_replays(visitor: Any, watcher: Any, bags: Path) -> None:

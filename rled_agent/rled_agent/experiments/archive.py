@@ -5,22 +5,24 @@ it wrote (``documents``, of which ``config`` has the settings and the revision o
 file (``tables``), where null stands for NaN.
 """
 
-import csv
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.files import write_whole
+from rled_msgs_py.foreign import read_json, read_text
 
 from rled_agent.experiments.experiment import Run, RunName
 from rled_agent.experiments.statistics import Curve, Floats
+from rled_agent.metrics import LARGEST, read_rows
 
 RECORD = "run.json"
 """File of a run's folder that says how it was made; a run that is done has one."""
+RECORDED = {"command": list, "seconds": int | float, "processor": str}
 METRICS = "metrics"
 
 
@@ -39,21 +41,50 @@ class KeptRun(NamedTuple):
     documents: Mapping[str, Any]
     tables: Mapping[str, Mapping[str, Floats]]
 
+    def columns(self, stem: str, *names: str) -> Mapping[str, Floats]:
+        """A table.
+
+        Raises:
+            RledError: it is not kept, has no rows, or lacks a column.
+        """
+        table = self.tables.get(stem, {})
+        missing = [name for name in names if not len(table.get(name, ()))]
+        if missing:
+            raise RledError(f"{self.name} has no {', '.join(missing)} in its {stem}", "a run that has logged something")
+        return table
+
     def curve(self, metric: str) -> Curve:
-        """One metric over environment steps, where it was measured."""
-        columns = self.tables[METRICS]
+        """One metric over environment steps, where it was measured.
+
+        Raises:
+            RledError: it was not logged.
+        """
+        columns = self.columns(METRICS, "step", metric)
         measured = np.isfinite(columns[metric])
         return Curve(columns["step"][measured], columns[metric][measured])
 
     def is_of(self, run: Run) -> bool:
         """Whether that run's command made it."""
-        return list(self.record["command"]) == list(run.command)
+        return bool(self.record["command"] == list(run.command))
+
+
+Runs = Mapping[str, Sequence[KeptRun]]
+"""The runs of each variant, by its label."""
+
+
+def is_record(content: Any) -> bool:
+    """Whether this is how a run was made."""
+    return isinstance(content, dict) and all(isinstance(content.get(each), kind) for each, kind in RECORDED.items())
 
 
 def read_folder(folder: Path, name: RunName) -> KeptRun:
-    """What is to be kept of a run's folder: its settings and figures, not its weights."""
-    documents = {path.stem: json.loads(path.read_text()) for path in sorted(folder.glob("*.json"))}
-    tables = {path.stem: _columns(path) for path in sorted(folder.glob("*.csv"))}
+    """What is to be kept of a run's folder: its settings and figures, not its weights.
+
+    Raises:
+        RledError: a file of it is damaged.
+    """
+    documents = {path.stem: read_json(read_text(path, str(path)), str(path)) for path in sorted(folder.glob("*.json"))}
+    tables = {path.stem: _transposed(read_rows(path)) for path in sorted(folder.glob("*.csv"))}
     return KeptRun(name, documents.pop(Path(RECORD).stem), documents, tables)
 
 
@@ -72,20 +103,11 @@ class Archive:
         """Runs of one experiment, by name; its file is read once.
 
         Raises:
-            RledError: a line is no run.
+            RledError: it cannot be read, or a line is no run.
         """
         if experiment not in self._known:
             self._known[experiment] = self._read(experiment)
         return self._known[experiment]
-
-    def _read(self, experiment: str) -> dict[RunName, KeptRun]:
-        path = self._path(experiment)
-        lines = path.read_text().splitlines() if path.exists() else []
-        try:
-            kept = [_run(experiment, json.loads(line)) for line in lines]
-        except (ValueError, KeyError, TypeError, AttributeError) as error:
-            raise RledError(f"{path} holds something else than runs ({error})", "what reproduce writes") from None
-        return {each.name: each for each in kept}
 
     def has(self, run: Run) -> bool:
         """The run is kept, made by the same command as now."""
@@ -99,14 +121,23 @@ class Archive:
         write_whole(self._path(run.name.experiment), "".join(f"{line}\n" for line in lines))
         self._known[run.name.experiment] = runs
 
+    def _read(self, experiment: str) -> dict[RunName, KeptRun]:
+        path = self._path(experiment)
+        try:
+            lines = read_text(path, "it", LARGEST).splitlines()
+            kept = [_run(experiment, read_json(line, f"line {number}")) for number, line in enumerate(lines, 1)]
+        except FileNotFoundError:
+            return {}
+        except (OSError, RledError, LookupError, TypeError, ValueError, AttributeError) as error:
+            raise RledError(f"{path} holds something else than runs ({error})", "what reproduce writes") from None
+        return {each.name: each for each in kept}
+
     def _path(self, experiment: str) -> Path:
         return self._folder / f"{experiment}.jsonl"
 
 
-def _columns(path: Path) -> dict[str, Floats]:
-    with path.open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    return {name: np.array([float(row[name]) for row in rows]) for name in (rows[0] if rows else {})}
+def _transposed(rows: list[dict[str, float]]) -> dict[str, Floats]:
+    return {name: np.array([row[name] for row in rows]) for name in (rows[0] if rows else {})}
 
 
 def _line(run: KeptRun) -> dict[str, Any]:
@@ -121,9 +152,17 @@ def _line(run: KeptRun) -> dict[str, Any]:
 
 
 def _run(experiment: str, line: dict[str, Any]) -> KeptRun:
-    tables = {
-        stem: {name: np.array(column, dtype=np.float64) for name, column in each.items()}
-        for stem, each in line["tables"].items()
-    }
-    name = RunName(experiment, line["variant"], line["seed"])
-    return KeptRun(name, line["run"], line["documents"], tables)
+    tables = {stem: _table(columns) for stem, columns in line["tables"].items()}
+    name, documents = RunName(experiment, line["variant"], line["seed"]), line["documents"]
+    if not (isinstance(name.variant, str) and type(name.seed) is int and isinstance(documents, dict)):
+        raise ValueError(f"variant {name.variant}, seed {name.seed}")
+    if not is_record(line["run"]):
+        raise ValueError(f"no record of {name}")
+    return KeptRun(name, line["run"], documents, tables)
+
+
+def _table(columns: dict[str, Any]) -> dict[str, Floats]:
+    table = {name: np.array(column, dtype=np.float64) for name, column in columns.items()}
+    if len({each.shape for each in table.values()}) > 1 or any(each.ndim != 1 for each in table.values()):
+        raise ValueError("columns of several lengths")
+    return table

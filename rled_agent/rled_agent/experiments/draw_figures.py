@@ -8,6 +8,7 @@ from typing import Annotated
 import tyro
 from rled_msgs_py.errors import command_line
 from rled_msgs_py.files import write_whole
+from rled_msgs_py.outputs import require_output
 
 from rled_agent.experiments.archive import Archive, KeptRun
 from rled_agent.experiments.experiment import Experiment, Library, Run
@@ -25,6 +26,7 @@ VERDICTS = {
     "answered": "answered",
     "open": "open",
 }
+HERE = "run it in the project's folder"
 HEAD = """# Results
 
 Chapter 4, figure by figure, and what stands beside it. Made by `make figures` from the runs in `results/runs`: a file
@@ -48,6 +50,8 @@ class Options:
 def main() -> None:
     """Run the command."""
     options = tyro.cli(Options, prog="draw_figures")
+    require_output(FIGURES, remedy=HERE)
+    require_output(RESULTS.parent, RESULTS.name, remedy=HERE)
     library = Library(EXPERIMENTS)
     names = list(options.figures) or library.names()
     sections: list[str] = []

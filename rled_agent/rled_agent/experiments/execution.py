@@ -11,12 +11,14 @@ from threading import Event
 
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.files import write_whole
+from rled_msgs_py.foreign import read_json, read_text
 from rled_msgs_py.processes import POLL, Children
 
-from rled_agent.experiments.archive import RECORD
+from rled_agent.digests import file_digest
+from rled_agent.experiments.archive import RECORD, is_record
 from rled_agent.experiments.experiment import Run
 
-BEGUN = "command.txt"
+BEGUN, CHECKPOINT = "command.txt", "checkpoint.safetensors"
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "CUDA_VISIBLE_DEVICES": ""}
 RESUMES = "train_agent"
 
@@ -41,10 +43,10 @@ def execute(run: Run, root: Path, stop: Event) -> Path:
         RledError: the command failed; its last lines are in the message.
     """
     folder = root / run.name.folder
-    resuming = _can_go_on(folder, run)
+    resuming = _can_go_on(folder, run, root)
     if not resuming:
         shutil.rmtree(folder, ignore_errors=True)
-        write_whole(folder / BEGUN, shlex.join(run.command))
+        write_whole(folder / BEGUN, _begun(run, root))
     program, *options = run.arguments(root)
     command = [sys.executable, "-m", f"rled_agent.{program}", *options, *(["--resume"] if resuming else [])]
     begun = time.monotonic()
@@ -65,24 +67,32 @@ def execute(run: Run, root: Path, stop: Event) -> Path:
     return folder
 
 
-def _can_go_on(folder: Path, run: Run) -> bool:
+def _can_go_on(folder: Path, run: Run, root: Path) -> bool:
     begun = folder / BEGUN
-    if run.command[0] != RESUMES or not (folder / "checkpoint.safetensors").is_file() or not begun.is_file():
+    if run.command[0] != RESUMES or not (folder / CHECKPOINT).is_file() or not begun.is_file():
         return False
-    return begun.read_text() == shlex.join(run.command)
+    return begun.read_text(encoding="utf-8") == _begun(run, root)
+
+
+def _begun(run: Run, root: Path) -> str:
+    """The command, and what is in the weights of other runs that it reads."""
+    weights = (path for need in run.needs for path in sorted((root / need.folder).glob("*.safetensors")))
+    read = [f"{path.relative_to(root)} {file_digest(path)}" for path in weights if path.name != CHECKPOINT]
+    return "\n".join([shlex.join(run.command), *read])
 
 
 def is_done(root: Path, run: Run) -> bool:
     """The run was made there, by the same command as now."""
     try:
-        return bool(json.loads((root / run.name.folder / RECORD).read_text())["command"] == list(run.command))
-    except (OSError, ValueError, KeyError, TypeError):
+        record = read_json(read_text(root / run.name.folder / RECORD, RECORD), RECORD)
+    except (OSError, RledError):
         return False
+    return is_record(record) and record["command"] == list(run.command)
 
 
 def processor() -> str:
     """The processor's name."""
-    for line in Path("/proc/cpuinfo").read_text().splitlines():
+    for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
         if line.startswith("model name"):
             return line.partition(":")[2].strip()
     return platform.machine()

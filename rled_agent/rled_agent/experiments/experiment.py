@@ -4,10 +4,13 @@ import re
 import tomllib
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, NamedTuple, TypeVar
 
-from rled_msgs_py.errors import RledError
+from rled_msgs_py.errors import ContractError, RledError
+from rled_msgs_py.foreign import read_text
+from rled_msgs_py.kinds import check_kinds
 
+P = TypeVar("P")
 Verdict = Literal["reproduced", "partly", "not", "answered", "open"]
 """Of a claim; ``answered`` is for a question, ``open`` for what has too few runs yet."""
 Kind = Literal["curves", "cloning", "bands", "paths", "tradeoff", "episodes"]
@@ -105,7 +108,7 @@ class Drawing:
     label: str = ""
     log: bool = False
     ordered: bool = False
-    level: float = float("nan")
+    level: float | None = None
     window: int = 1
     cloning: str = ""
 
@@ -157,11 +160,11 @@ def read_experiment(path: Path) -> Experiment:
         ExperimentError: what is wrong with it.
     """
     try:
-        values = tomllib.loads(path.read_text())
-    except (OSError, tomllib.TOMLDecodeError) as error:
+        values = tomllib.loads(read_text(path, "it"))
+    except (OSError, RecursionError, ContractError, tomllib.TOMLDecodeError) as error:
         raise ExperimentError(f"{path}: {error}", "a TOML file") from None
-    variants = {name: _record(Variant, each, path) for name, each in values.pop("variants", {}).items()}
-    drawings = [_record(Drawing, each, path) for each in values.pop("drawings", [])]
+    variants = {name: _record(Variant, each, path) for name, each in _part(values, "variants", dict, path).items()}
+    drawings = [_record(Drawing, each, path) for each in _part(values, "drawings", list, path)]
     experiment: Experiment = _record(
         Experiment, values | {"name": path.stem, "variants": variants, "drawings": drawings}, path
     )
@@ -169,22 +172,27 @@ def read_experiment(path: Path) -> Experiment:
     return experiment
 
 
-def _record(kind: type[Any], values: dict[str, Any], path: Path) -> Any:
+def _part(values: dict[str, Any], name: str, kind: type[P], path: Path) -> P:
+    part = values.pop(name, kind())
+    if not isinstance(part, kind):
+        raise ExperimentError(f"{path}: {name} is {str(part)[:80]}", "tables")
+    return part
+
+
+def _record(kind: type[Any], values: Any, path: Path) -> Any:
     known = [each.name for each in fields(kind)]
-    if unknown := [name for name in values if name not in known]:
-        raise ExperimentError(f"{path}: {', '.join(unknown)} in {kind.__name__.lower()}", ", ".join(known))
+    if not isinstance(values, dict) or (unknown := [name for name in values if name not in known]):
+        what = ", ".join(unknown) if isinstance(values, dict) else str(values)[:80]
+        raise ExperimentError(f"{path}: {what} in {kind.__name__.lower()}", ", ".join(known))
     try:
-        return kind(**values)
-    except TypeError as error:
+        record = kind(**values)
+        check_kinds(record)
+    except (TypeError, ContractError) as error:
         raise ExperimentError(f"{path}: {error}", ", ".join(known)) from None
+    return record
 
 
 def _require(experiment: Experiment, path: Path) -> None:
-    for drawing in experiment.drawings:
-        if drawing.kind not in get_args(Kind):
-            raise ExperimentError(f"{path}: a drawing of kind {drawing.kind}", ", ".join(get_args(Kind)))
-    if experiment.verdict not in get_args(Verdict):
-        raise ExperimentError(f"{path}: verdict {experiment.verdict}", ", ".join(get_args(Verdict)))
     if experiment.runs_of:
         return
     for command in (each.command or experiment.command for each in experiment.variants.values()):
@@ -205,8 +213,15 @@ class Library:
         self._folder = folder
 
     def names(self) -> list[str]:
-        """Of all files, figures of the thesis first and in their order."""
-        return sorted((path.stem for path in self._folder.glob("*.toml")), key=_order)
+        """Of all files, figures of the thesis first and in their order.
+
+        Raises:
+            ExperimentError: there is none.
+        """
+        found = sorted((path.stem for path in self._folder.glob("*.toml")), key=_order)
+        if not found:
+            raise ExperimentError(f"there are no experiments in {self._folder}", "", "run it in the project's folder")
+        return found
 
     def read(self, name: str) -> Experiment:
         """One experiment.

@@ -10,13 +10,11 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from rled_msgs_py.pictures import picture
 
-from rled_agent.evaluation import Course
-from rled_agent.experiments.archive import KeptRun
+from rled_agent.experiments.archive import Runs
 from rled_agent.experiments.experiment import Drawing, Kind
+from rled_agent.experiments.records import read_bands, read_cloning, read_courses, read_episodes, read_experts
 from rled_agent.experiments.statistics import Estimate, Floats, common, estimate
 
-Runs = Mapping[str, Sequence[KeptRun]]
-"""The runs of each variant, by its label."""
 SHOWN = 8
 LINE, HANDLE, LABEL = 100, 8, 40
 """Letters across a picture, what the line before a legend's text takes of them, and letters along an axis."""
@@ -51,7 +49,7 @@ def _draw_curves(axes: Axes, drawing: Drawing, variants: Runs) -> None:
 def _draw_cloning(axes: Axes, _: Drawing, variants: Runs) -> None:
     for color, (label, runs) in zip(_colors(len(variants)), variants.items(), strict=True):
         for k, run in enumerate(runs):
-            columns = run.tables["curve"]
+            columns = read_cloning(run)
             for name, style in (("train", "-"), ("validation", "--")):
                 named = f"{label}, {'training' if name == 'train' else name}" if k == 0 else None
                 axes.semilogy(columns["step"], columns[name], style, color=color, alpha=0.6, label=named)
@@ -131,30 +129,6 @@ def policy_name(policy: str, variant: str, variants: Runs) -> str:
     if policy != "expert":
         return variant
     return policy if len(variants) == 1 else f"{variant}, {policy}"
-
-
-def read_experts(drawing: Drawing, variants: Runs) -> list[float]:
-    """What the cloned expert of each run of the first variant came to, by the actor's metric."""
-    name = drawing.metric.removeprefix("evaluation_")
-    return [float(run.documents["expert"][name]) for run in next(iter(variants.values()))]
-
-
-def read_bands(run: KeptRun) -> dict[str, dict[str, dict[str, Any]]]:
-    """What ``evaluate_agent`` found: band, policy, figure."""
-    bands: dict[str, dict[str, dict[str, Any]]] = run.documents["evaluation"]
-    return bands
-
-
-def read_episodes(run: KeptRun) -> dict[str, dict[str, float]]:
-    """What ``evaluate_agent`` found in whole episodes: policy, figure."""
-    episodes: dict[str, dict[str, float]] = run.documents["episodes"]
-    return episodes
-
-
-def read_courses(run: KeptRun, band: str) -> dict[str, list[Course]]:
-    """Motions that ``evaluate_agent`` kept of a band, by policy."""
-    courses: dict[str, list[list[list[float]]]] = run.documents["motions"][band]
-    return {policy: [Course(*each) for each in group] for policy, group in courses.items()}
 
 
 def _colors(count: int, ordered: bool = False) -> list[Any]:

@@ -11,9 +11,10 @@ from typing import Annotated
 
 import tyro
 from rled_msgs_py.errors import RledError, command_line
+from rled_msgs_py.kinds import Range, check_kinds
+from rled_msgs_py.outputs import require_output
 from rled_msgs_py.stopping import stop_requested
 
-from rled_agent.config import require_ranges
 from rled_agent.experiments.archive import Archive, read_folder
 from rled_agent.experiments.cluster import Cluster
 from rled_agent.experiments.execution import execute, is_done
@@ -39,7 +40,7 @@ class Options:
     """make only runs whose name has this in it, as phi-0.1 or seed-0, and what they need"""
     runs: Path = Path("out/reproduce")
     """folder for the runs while they are made"""
-    workers: int = len(os.sched_getaffinity(0))
+    workers: Annotated[int, Range(1, 10_000)] = len(os.sched_getaffinity(0))
     """runs at once, each on one thread; on a cluster as many as it has processors"""
     ray: str = ""
     """address of a Ray cluster to make them on: auto, or ray://host:10001"""
@@ -53,7 +54,10 @@ class Options:
 def main() -> None:
     """Run the command."""
     options = tyro.cli(Options, prog="reproduce")
-    require_ranges(options, {"workers": (1, 10_000)})
+    check_kinds(options)
+    if not options.show:
+        require_output(options.runs, remedy="name another with --runs")
+        require_output(KEPT, remedy="run it in the project's folder")
     library = Library(EXPERIMENTS)
     missing = _missing(library, options)
     print(f"{len(missing)} runs to make" + ("" if missing else "; --anew makes again what is kept"))

@@ -5,8 +5,10 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 import numpy as np
 
 from rled_agent.evaluation import Course
+from rled_agent.experiments.archive import Runs
 from rled_agent.experiments.experiment import Drawing, Kind
-from rled_agent.experiments.pictures import Runs, policy_name, read_bands, read_courses, read_episodes, read_experts
+from rled_agent.experiments.pictures import policy_name
+from rled_agent.experiments.records import read_bands, read_cloning, read_courses, read_episodes, read_experts
 from rled_agent.experiments.statistics import Curve, estimate
 
 NEAR = 0.15
@@ -31,7 +33,7 @@ def _curves(drawing: Drawing, variants: Runs) -> tuple[list[str], list[list[str]
         [label, str(estimate([c.end for c in curves])), str(estimate([c.mean for c in curves])), str(len(curves))]
         for label, curves in groups.items()
     ]
-    if np.isfinite(drawing.level):
+    if drawing.level is not None:
         heads.append(f"steps to {drawing.level:g}, by seed")
         for row, curves in zip(rows, groups.values(), strict=True):
             row.append(", ".join(_steps(curve.first_step(drawing.level)) for curve in curves))
@@ -45,7 +47,7 @@ def _steps(count: float) -> str:
 def _cloning(_: Drawing, variants: Runs) -> tuple[list[str], list[list[str]]]:
     rows = []
     for label, runs in variants.items():
-        columns = [run.tables["curve"] for run in runs]
+        columns = [read_cloning(run) for run in runs]
         first, last = (estimate([each["validation"][at] for each in columns]) for at in (0, -1))
         rises = estimate([float(np.mean(np.diff(each["validation"]) > 0.0)) for each in columns])
         rows.append([label, str(first), str(last), str(rises), str(len(runs))])
@@ -72,8 +74,8 @@ SHOWN: Mapping[str, str] = {
 }
 
 
-def _present(values: Iterable[float | None]) -> list[float]:
-    return [value for value in values if value is not None]
+def _present(values: Iterable[float]) -> list[float]:
+    return [value for value in values if np.isfinite(value)]
 
 
 def _rank(band: str, variants: Runs) -> int:

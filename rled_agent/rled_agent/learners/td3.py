@@ -2,13 +2,15 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from rled_msgs_py.kinds import Range
 from torch import Tensor
 
+from rled_agent.bounds import Amount, Share
 from rled_agent.nn.adam import adam, state_of, step
 from rled_agent.nn.architecture import Architecture
 from rled_agent.nn.perceptron import Perceptron
@@ -42,18 +44,18 @@ class LearnerConfig:
         critic: hidden part of each critic.
     """
 
-    gamma: float = 0.99
-    reward_scale: float = 1.0
-    actor_rate: float = 1e-3
-    critic_rate: float = 1e-3
-    rate_decay: float = 0.0
-    tau: float = 5e-3
-    critics: int = 2
-    delay: int = 2
-    target_noise: float = 0.2
-    target_clip: float = 0.5
+    gamma: Share = 0.99
+    reward_scale: Amount = 1.0
+    actor_rate: Share = 1e-3
+    critic_rate: Share = 1e-3
+    rate_decay: Amount = 0.0
+    tau: Share = 5e-3
+    critics: Annotated[int, Range(1, 2)] = 2
+    delay: Annotated[int, Range(1, 1000)] = 2
+    target_noise: Annotated[float, Range(0, 10)] = 0.2
+    target_clip: Annotated[float, Range(0, 10)] = 0.5
     target_dropout: bool = False
-    cloning_weight: float = 0.0
+    cloning_weight: Annotated[float, Range(0, 1e6)] = 0.0
     q_filter: bool = True
     expert_bootstrap: bool = False
     actor: Architecture = field(default_factory=Architecture)

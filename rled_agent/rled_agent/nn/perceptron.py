@@ -2,14 +2,16 @@
 
 import copy
 import math
+from itertools import pairwise
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from rled_msgs_py.errors import RledError
 from torch import Tensor, nn
 from torch.nn import functional
 
-from rled_agent.nn.architecture import SLOPE, Architecture, Weights
+from rled_agent.nn.architecture import MOST_WEIGHTS, SLOPE, Architecture, Weights
 from rled_agent.nn.dropout import Generator, dropout_masks
 
 
@@ -26,6 +28,9 @@ class Perceptron(nn.Module):
         generator: draws the weights.
         members: e.
         squash: end in a hyperbolic tangent.
+
+    Raises:
+        RledError: more weights than ``MOST_WEIGHTS``, before any memory is taken.
 
     Attributes:
         weights: of each layer, (e, inputs, outputs).
@@ -45,7 +50,10 @@ class Perceptron(nn.Module):
         super().__init__()
         self.architecture, self.members, self.squash = architecture, members, squash
         self.sizes = (inputs, *architecture.hidden, outputs)
-        shapes = list(zip(self.sizes[:-1], self.sizes[1:], strict=True))
+        shapes = list(pairwise(self.sizes))
+        if members * sum((fan_in + 1) * fan_out for fan_in, fan_out in shapes) > MOST_WEIGHTS:
+            units = " x ".join(map(str, self.sizes))
+            raise RledError(f"networks of {units} units", f"{MOST_WEIGHTS:,} weights at most", "choose fewer units")
         drawn = [_drawn(members, *shape, architecture.weights, generator) for shape in shapes]
         self.weights = nn.ParameterList(weight for weight, _ in drawn)
         self.biases = nn.ParameterList(bias for _, bias in drawn)
@@ -125,6 +133,14 @@ class Perceptron(nn.Module):
             return []
         shapes = [(self.members, rows, width) for width in self.architecture.hidden]
         return [mask.to(self.weights[0]) for mask in dropout_masks(shapes, self.architecture.dropout, generator)]
+
+
+def parameter_shapes(inputs: int, outputs: int, architecture: Architecture) -> dict[str, tuple[int, ...]]:
+    """Shapes of the parameters, by name, of a perceptron of one member, which is not made for it."""
+    shapes: dict[str, tuple[int, ...]] = {}
+    for k, (before, after) in enumerate(pairwise((inputs, *architecture.hidden, outputs))):
+        shapes |= {f"weights.{k}": (1, before, after), f"biases.{k}": (1, 1, after)}
+    return shapes
 
 
 def _drawn(

@@ -1,11 +1,11 @@
 """Bags: rosbag2 recordings in MCAP, written and read as records of the contract, without ROS.
 
 ``BagWriter`` records, ``Bag`` reads, ``repair`` completes a recording whose process was killed, ``review`` judges one,
-``trim``, ``drop`` and ``merge`` make new ones.
+``trim``, ``drop``, ``leave_out`` and ``merge`` make new ones.
 """
 
 from rled_msgs_py.bags.bag import Bag
-from rled_msgs_py.bags.copies import drop, trim
+from rled_msgs_py.bags.copies import drop, leave_out, trim
 from rled_msgs_py.bags.error import BagError
 from rled_msgs_py.bags.merging import merge
 from rled_msgs_py.bags.repair import Repaired, repair
@@ -22,6 +22,7 @@ __all__ = [
     "Repaired",
     "Review",
     "drop",
+    "leave_out",
     "merge",
     "repair",
     "review",

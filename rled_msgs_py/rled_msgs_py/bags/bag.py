@@ -1,5 +1,7 @@
 """Reading a bag as records and as arrays."""
 
+import logging
+import shlex
 from collections import Counter
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
@@ -9,12 +11,14 @@ from typing import cast
 
 import numpy as np
 
+from rled_msgs_py.bags.columns import payloads, read_record
 from rled_msgs_py.bags.definitions import defines, definition
 from rled_msgs_py.bags.error import BagError
 from rled_msgs_py.bags.folder import open_files
+from rled_msgs_py.bags.parts import DESCRIPTIONS, FilePart, divided, text_in
 from rled_msgs_py.bags.storage import BagTopic, Messages, Storage
 from rled_msgs_py.bags.stream import Message, stream
-from rled_msgs_py.bags.tables import JointTable, PoseTable, joint_table, payloads, pose_table, read_record
+from rled_msgs_py.bags.tables import JointTable, PoseTable, joint_table, pose_table
 from rled_msgs_py.errors import ContractError
 from rled_msgs_py.records import Record, Text
 from rled_msgs_py.task import TaskDescription
@@ -30,24 +34,36 @@ class Bag:
 
     Topics are found below the namespace of ``task_description``, so a bag of a namespaced robot reads like any other.
 
+    A recording during which the descriptions changed has several parts (``parts.py``), of which one is read.
+
+    Args:
+        path: where it lies.
+        part: which part, counted from 1; by default the first, and what is passed over is said in the log.
+
     Attributes:
         path: where it lies.
         metadata: texts by name that were kept with it.
         counts: messages of each topic by name relative to the namespace, as in ``topics``; 0 for what is not there.
+        parts: how many there are.
+        note: what is passed over, in words; empty when nothing is.
 
     Raises:
         BagError: the bag is missing, empty, unfinished, damaged or foreign. Damage of a file that has no checksum of
             its own is found when the messages are read.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.path = Path(path)
+    def __init__(self, path: Path, part: int | None = None) -> None:
+        self.path, self.parts, self.note = Path(path), 1, ""
         self._files, self.metadata = open_files(self.path)
         self._namespace = self._find_namespace()
-        self.counts: Counter[str] = Counter()
-        for file in self._files:
-            for channel, topic in file.topics.items():
-                self.counts[self._relative(topic.name)] += file.counts.get(channel, 0)
+        self.counts = self._count()
+        changed = [topic.name for topic in DESCRIPTIONS if self.counts[topic.name] > 1 and self._changes(topic)]
+        if changed:
+            self._choose(part or 1, " and ".join(changed))
+        if part is None and self.note:
+            logging.getLogger(__name__).warning(self.note)
+        if not 1 <= (part or 1) <= self.parts:
+            raise BagError(f"{self.path} has no part {part}", f"1 to {self.parts}")
         if not self.message_count:
             raise BagError(f"{self.path} holds no messages", "a recorded bag", "record it again")
 
@@ -66,7 +82,7 @@ class Bag:
         """The task that was recorded.
 
         Raises:
-            BagError: there is no description, there are several, or it is not valid.
+            BagError: there is no description, or it is not valid.
         """
         with self._located():
             return TaskDescription.from_json(self._latched(TASK_DESCRIPTION))
@@ -76,7 +92,7 @@ class Bag:
         """The robot's URDF text.
 
         Raises:
-            BagError: there is none, or there are several.
+            BagError: there is none.
         """
         return self._latched(ROBOT_DESCRIPTION)
 
@@ -103,14 +119,17 @@ class Bag:
         return self._relative(message.topic.name)
 
     def ticks(self) -> Iterator[Tick]:
-        """The states of the simulation, each as one; a stamp at which a topic is missing is left out.
+        """The states of the simulation, each as one; a stamp at which a topic or a joint's position is missing is not.
 
         Raises:
             BagError: a message is damaged or not valid; names it.
         """
-        assembler = TickAssembler()
+        assembler = TickAssembler(self.task.joint_names if self.counts[TASK_DESCRIPTION.name] else ())
         for topic, record in self._records(STATE_TOPICS):
-            tick = assembler.add(topic.name, cast(StateRecord, record))
+            try:
+                tick = assembler.add(topic.name, cast(StateRecord, record))
+            except ContractError:  # a joint is not known
+                continue
             if tick is not None:
                 yield tick
 
@@ -118,7 +137,7 @@ class Bag:
         """All joint messages of a topic.
 
         Raises:
-            BagError: a message is damaged, not valid, or names other joints than the first; names it.
+            BagError: a message is damaged or not valid; names it.
         """
         with self._located():
             return joint_table(topic, self._runs([topic]))
@@ -160,18 +179,42 @@ class Bag:
             for run in file.messages(channels):
                 yield file, run
 
+    def _count(self) -> Counter[str]:
+        counts = Counter[str]()
+        for file in self._files:
+            for channel, topic in file.topics.items():
+                counts[self._relative(topic.name)] += file.counts.get(channel, 0)
+        return counts
+
+    def _changes(self, topic: Topic) -> bool:
+        return len({tuple(text_in(data)) for run in self._runs([topic]) for data in payloads(run)}) > 1
+
+    def _choose(self, number: int, changed: str) -> None:
+        """Read one part from now on."""
+
+        def name_of(topic: BagTopic) -> str:
+            return self._relative(topic.name)
+
+        if not (parts := divided(self._files, name_of)):
+            return
+        self.parts, part = len(parts), parts[min(number, len(parts)) - 1]
+        self._files = [FilePart(file, place, part, name_of) for place, file in enumerate(self._files)]
+        self.counts = self._count()
+        self.note = f"{self.path}: a message on {changed} that does not belong to the recording is passed over"
+        if self.parts > 1:
+            other = f"demos trim {shlex.quote(str(self.path))} --part {1 + (number == 1)} --output NEW"
+            what = f"{self.path}: {changed} changes; this is part {number} of {self.parts}"
+            self.note = f"{what}, another is made a bag with: {other}"
+
     def _latched(self, topic: Topic) -> str:
-        texts = {cast(Text, record).data for record in self.records(topic)}
-        if not texts:
-            accepted = "a recording that began with the simulation running"
-            raise BagError(f"{self.path} holds no {topic.name}", accepted, "record it again with record_demos")
-        if len(texts) > 1:
-            what = f"{self.path} holds {len(texts)} different messages on {topic.name}"
-            raise BagError(what, "one robot and one task in a bag", "record each in a bag of its own")
-        return texts.pop()
+        for record in self.records(topic):
+            return cast(Text, record).data
+        accepted = "a recording that began with the simulation running"
+        raise BagError(f"{self.path} holds no {topic.name}", accepted, "record it again with record_demos")
 
     def _find_namespace(self) -> str:
-        names = {topic.name for file in self._files for topic in file.topics.values()}
+        topics = [topic for file in self._files for topic in file.topics.values()]
+        names = {topic.name for topic in topics if topic.type == TASK_DESCRIPTION.type}
         found = sorted(name for name in names if name.endswith(f"/{TASK_DESCRIPTION.name}"))
         if len(found) > 1:
             raise BagError(f"{self.path} holds several robots: {', '.join(found)}", "one robot in a bag")

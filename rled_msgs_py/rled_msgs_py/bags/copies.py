@@ -5,23 +5,25 @@ that the gap is no fault.
 """
 
 import json
-import shutil
-import tempfile
-from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import contextmanager
+import math
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from rled_msgs_py.bags.bag import Bag
-from rled_msgs_py.bags.episodes import CUTS, Episode, cuts, episodes, legs
-from rled_msgs_py.bags.error import BagError
+from rled_msgs_py.bags.episodes import CUTS, Episode, cuts, episodes, event_of, legs
+from rled_msgs_py.bags.error import BagError, Unwritten
 from rled_msgs_py.bags.header import sim_stamp
-from rled_msgs_py.bags.series import going_on, series
+from rled_msgs_py.bags.holding import require_idle, temporary_folder
+from rled_msgs_py.bags.series import series
+from rled_msgs_py.bags.stamps import going_on
 from rled_msgs_py.bags.stream import Message
 from rled_msgs_py.bags.timeline import Timeline, timeline
-from rled_msgs_py.bags.writer import BagWriter, require_replaceable
+from rled_msgs_py.bags.writer import BagWriter, making_way, require_replaceable
+from rled_msgs_py.errors import command
 from rled_msgs_py.messages import NANOSECONDS, decode
 from rled_msgs_py.records import Text
 from rled_msgs_py.tick import STATE_NAMES
@@ -73,16 +75,21 @@ def trim(bag: Bag, output: Path, begin: float, end: float, report: Report, *, ov
     """
     states = series(bag, JOINT_STATES).moments
     zero = int(states[0]) if len(states) else next(dated(bag)).moment
-    first, stop = (zero + round(min(max(seconds, -MOST), MOST) * NANOSECONDS) for seconds in (begin, end))
+    first, stop = _moment(zero, begin), _moment(zero, end)
     line = timeline(bag) if bag.counts[EPISODE_EVENTS.name] else None
     of = {each.number for each in episodes(bag, line) if each.first < stop and each.last >= first} if line else set()
 
     def stays(each: Dated) -> bool:
         if each.name == EPISODE_EVENTS.name:
-            return _event(each.message)["episode"] in of
+            return _episode_of(bag, each) in of
         return each.name in DESCRIPTIONS or first <= each.moment < stop
 
     return _copy(bag, output, stays, cuts(bag), report, overwrite)
+
+
+def _moment(zero: int, seconds: float) -> float:
+    """A moment so many seconds after another (ns)."""
+    return zero + round(min(max(seconds, -MOST), MOST) * NANOSECONDS) if math.isfinite(seconds) else seconds
 
 
 def drop(bag: Bag, output: Path, numbers: Collection[int], report: Report, *, overwrite: bool = False) -> int:
@@ -96,7 +103,7 @@ def drop(bag: Bag, output: Path, numbers: Collection[int], report: Report, *, ov
     unknown = sorted(set(numbers) - set(found))
     if unknown:
         accepted = f"{min(found)} to {max(found)}" if found else "none: the bag has no episodes"
-        raise BagError(f"{bag.path} has no episode {unknown[0]}", accepted, f"see them with: demos info {bag.path}")
+        raise BagError(f"{bag.path} has no episode {unknown[0]}", accepted, _look_at(bag))
     has_events = bool(bag.counts[EPISODE_EVENTS.name])
     starts = {leg.first for leg in legs(line, cuts(bag))}
     spans = _joined([_span(found[number], line, starts, has_events) for number in sorted(set(numbers))])
@@ -104,7 +111,7 @@ def drop(bag: Bag, output: Path, numbers: Collection[int], report: Report, *, ov
     def stays(each: Dated) -> bool:
         name, moment, _ = each
         if name == EPISODE_EVENTS.name:
-            return _event(each.message)["episode"] not in numbers
+            return _episode_of(bag, each) not in numbers
         if name in DESCRIPTIONS:
             return True
         # the state that a motion begins with is where the one before it arrived
@@ -112,6 +119,33 @@ def drop(bag: Bag, output: Path, numbers: Collection[int], report: Report, *, ov
         return not any(within)
 
     gone = [_gap(line, span, has_events) for span in spans]
+    return _copy(bag, output, stays, sorted(cuts(bag) + gone), report, overwrite)
+
+
+def _look_at(bag: Bag) -> str:
+    return f"see what it holds with: {command('demos', 'info', bag.path)}"
+
+
+def leave_out(bag: Bag, output: Path, begin: float, end: float, report: Report, *, overwrite: bool = False) -> int:
+    """Copy everything but what lies between ``begin`` and ``end``, in seconds since the first state; returns how many.
+
+    Raises:
+        BagError: no tick is left, the bag is damaged, or the copy cannot be written.
+    """
+    states, line = series(bag, JOINT_STATES).moments, timeline(bag)
+    zero = int(states[0]) if len(states) else next(dated(bag)).moment
+    first, stop = _moment(zero, begin), _moment(zero, end)
+    before, after = line.moments[line.moments < first], line.moments[line.moments >= stop]
+    if not len(before) + len(after):
+        raise BagError(f"nothing of {bag.path} is left", "a stretch with messages", _look_at(bag))
+    latest, last = zero, int(line.moments[-1]) + NANOSECONDS
+
+    def stays(each: Dated) -> bool:
+        nonlocal latest  # a message that cannot be read may say any time
+        latest = each.moment if zero - NANOSECONDS <= each.moment <= last else latest
+        return each.name in (*DESCRIPTIONS, EPISODE_EVENTS.name) or not first <= latest < stop
+
+    gone = [(int(before[-1]), int(after[0]))] if len(before) and len(after) else []
     return _copy(bag, output, stays, sorted(cuts(bag) + gone), report, overwrite)
 
 
@@ -140,11 +174,11 @@ def _gap(line: Timeline, span: tuple[int, int], has_events: bool) -> tuple[int, 
     return int(before), int(line.moments[min(stop, len(line.moments) - 1)])
 
 
-def _event(message: Message) -> dict[str, Any]:
-    record = decode(EPISODE_EVENTS, message.data)
+def _episode_of(bag: Bag, each: Dated) -> int:
+    record = decode(EPISODE_EVENTS, each.message.data)
     assert isinstance(record, Text)
-    found: dict[str, Any] = json.loads(record.data)
-    return found
+    number: int = event_of(bag.path, record.data)["episode"]
+    return number
 
 
 def _copy(
@@ -152,7 +186,7 @@ def _copy(
 ) -> int:
     metadata = {**bag.metadata, **({CUTS: json.dumps(taken_out)} if taken_out else {})}
     copied = 0
-    with whole(output, metadata, overwrite) as writer:
+    with whole(output, metadata, overwrite, [bag]) as writer:
         for each in dated(bag):
             report(1)
             if stays(each):
@@ -160,26 +194,47 @@ def _copy(
                 writer.copy(message.topic, message.data, message.log_time, message.publish_time)
                 copied += each.name not in DESCRIPTIONS
         if not copied:
-            raise BagError(f"nothing of {bag.path} is left", "a stretch with messages", "see demos info")
+            raise BagError(f"nothing of {bag.path} is left", "a stretch with messages", _look_at(bag))
         return int(writer.counts.total())
 
 
 @contextmanager
-def whole(output: Path, metadata: Mapping[str, str], overwrite: bool) -> Iterator[BagWriter]:
-    """Write a bag that takes its name when the block ends without an error."""
+def whole(
+    output: Path, metadata: Mapping[str, str], overwrite: bool, sources: Iterable[Bag] = ()
+) -> Iterator[BagWriter]:
+    """Write a bag that takes its name when the block ends without an error.
+
+    Raises:
+        BagError: something is there that may not be replaced or is one of the sources, or it cannot be written.
+    """
     output = Path(output)
-    if output.exists():
-        require_replaceable(output, overwrite)
+    _require_other(output, sources)
+    with ExitStack() as stack:
+        with _located(output):
+            if output.exists():
+                require_replaceable(output, overwrite)
+                require_idle(output)
+            output.parent.mkdir(parents=True, exist_ok=True)
+            made = stack.enter_context(temporary_folder(output)) / output.name
+        try:
+            with BagWriter(made, metadata=metadata) as writer:
+                yield writer
+        except Unwritten as error:
+            raise BagError(f"writing {output} failed: {error.reason}; nothing has changed", "", "free space") from error
+        with _located(output), making_way(output, overwrite):
+            made.rename(output)
+
+
+@contextmanager
+def _located(output: Path) -> Iterator[None]:
     try:
-        output.parent.mkdir(parents=True, exist_ok=True)
-        room = Path(tempfile.mkdtemp(prefix=f".{output.name}-", dir=output.parent))
+        yield
     except OSError as error:
         raise BagError(f"the folder {output} cannot be made: {error.strerror}") from None
-    try:
-        with BagWriter(room / output.name, metadata=metadata) as writer:
-            yield writer
-        if output.exists():
-            shutil.rmtree(output)
-        (room / output.name).rename(output)
-    finally:
-        shutil.rmtree(room, ignore_errors=True)
+
+
+def _require_other(output: Path, sources: Iterable[Bag]) -> None:
+    for bag in sources:
+        folder = bag.path if bag.path.is_dir() else bag.path.parent
+        if output.exists() and output.samefile(folder):
+            raise BagError(f"{output} is the bag that is read", "another folder for the new bag", "choose another name")

@@ -6,20 +6,26 @@ episode for each target that was gone for. What comes before the last mark, of a
 no way to a target.
 """
 
-import json
+from itertools import chain
+from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rled_msgs_py.bags.bag import Bag
 from rled_msgs_py.bags.error import BagError
-from rled_msgs_py.bags.series import Times, series
+from rled_msgs_py.bags.series import series
+from rled_msgs_py.bags.stamps import Times
 from rled_msgs_py.bags.timeline import Timeline
+from rled_msgs_py.errors import ContractError
+from rled_msgs_py.foreign import read_json
 from rled_msgs_py.records import Text
 from rled_msgs_py.topics import EPISODE_EVENTS, MARKED_JOINT_STATES
 
 EVENTS = ("start", "stop", "keep", "discard")
 FOREVER = 2**63 - 1
+MAX_EPISODE = 2**31
 CUTS = "cuts"
 """Key of the metadata that lists where parts were taken out of a bag on purpose: pairs of moments (ns), JSON."""
 
@@ -77,12 +83,14 @@ def episodes(bag: Bag, line: Timeline) -> list[Episode]:
 
 
 def legs(line: Timeline, taken_out: list[tuple[int, int]]) -> list[Leg]:
-    """The ways to targets; one ends where a counter changes, steps are counted anew or a part was taken out."""
+    """The ways to targets: one ends where the target is reached, the episode changes or the simulation begins anew.
+
+    A tick that repeats the step is a hold: in real time nobody commanded. Ticks that were lost, or taken out while the
+    same target was pursued, part no way either.
+    """
     if not len(line.moments):
         return []
-    same_episode, on = np.diff(line.episode) == 0, np.diff(line.step) > 0
-    cut = np.isin(line.moments[1:], [after for _, after in taken_out])
-    goes_on = same_episode & on & ~cut
+    goes_on = _goes_on(line) & ~_parted(line, taken_out)
     starts = np.flatnonzero(np.append(True, ~goes_on | (np.diff(line.reached) != 0)))
     stops = np.append(starts[1:], len(line.moments))
     found = []
@@ -94,13 +102,28 @@ def legs(line: Timeline, taken_out: list[tuple[int, int]]) -> list[Leg]:
     return found
 
 
+def _goes_on(line: Timeline) -> NDArray[np.bool_]:
+    """Whether each tick but the first continues the episode of the one before it, shape (k - 1,)."""
+    counted = np.diff(line.step)
+    anew = line.is_anew[1:] & (counted != 1)  # a clock that was set back while the steps are counted on is no restart
+    goes_on: NDArray[np.bool_] = (np.diff(line.episode) == 0) & (counted >= 0) & (np.diff(line.reached) >= 0) & ~anew
+    return goes_on
+
+
+def _parted(line: Timeline, taken_out: list[tuple[int, int]]) -> NDArray[np.bool_]:
+    """Whether a part was taken out before each tick but the first, with the target that it led to, shape (k - 1,)."""
+    cut = np.isin(line.moments[1:], [after for _, after in taken_out])
+    cut &= (np.diff(line.reached) != 0) | (np.diff(line.target, axis=0) != 0).any(axis=1)
+    return cut
+
+
 def events(bag: Bag) -> list[dict[str, Any]]:
     """The recorder's events, in order.
 
     Raises:
         BagError: one cannot be read.
     """
-    return [_event(bag, cast(Text, record).data) for record in bag.records(EPISODE_EVENTS)]
+    return [event_of(bag.path, cast(Text, record).data) for record in bag.records(EPISODE_EVENTS)]
 
 
 def cuts(bag: Bag) -> list[tuple[int, int]]:
@@ -109,10 +132,15 @@ def cuts(bag: Bag) -> list[tuple[int, int]]:
     Raises:
         BagError: the metadata cannot be read.
     """
+    text = bag.metadata.get(CUTS, "[]")
     try:
-        return [(int(before), int(after)) for before, after in json.loads(bag.metadata.get(CUTS, "[]"))]
-    except (ValueError, TypeError):
-        raise BagError(f"{bag.path} has the {CUTS} '{bag.metadata[CUTS]}'", "a list of pairs of moments (ns)") from None
+        pairs = read_json(text, CUTS)
+        found = [(before, after) for before, after in pairs]
+        if isinstance(pairs, list) and all(map(_is_moment, chain.from_iterable(found))):
+            return found
+    except (ContractError, ValueError, TypeError):
+        pass
+    raise BagError(f"{bag.path} has the {CUTS} '{text[:80]}'", "a list of pairs of moments (ns)")
 
 
 def discarded(bag: Bag) -> list[tuple[int, int]]:
@@ -124,15 +152,25 @@ def discarded(bag: Bag) -> list[tuple[int, int]]:
     return [(span.first, span.last) for span in _spans(events(bag)) if not span.kept]
 
 
-def _event(bag: Bag, text: str) -> dict[str, Any]:
+def event_of(path: Path, text: str) -> dict[str, Any]:
+    """Read an event.
+
+    Raises:
+        BagError: it cannot be read; names the bag.
+    """
     try:
-        event: dict[str, Any] = json.loads(text)
-        if event["event"] in EVENTS and isinstance(event["episode"], int) and isinstance(event["stamp"], int):
+        event: dict[str, Any] = read_json(text, EPISODE_EVENTS.name)
+        number, stamp = event["episode"], event["stamp"]
+        if event["event"] in EVENTS and _is_moment(stamp) and type(number) is int and 0 <= number <= MAX_EPISODE:
             return event
-    except (ValueError, KeyError, TypeError, RecursionError):
+    except (ContractError, KeyError, TypeError):
         pass
     accepted = f"JSON with event ({', '.join(EVENTS)}), episode and stamp"
-    raise BagError(f"{bag.path} has the message '{text[:80]}' on {EPISODE_EVENTS.name}", accepted) from None
+    raise BagError(f"{path} has the message '{text[:80]}' on {EPISODE_EVENTS.name}", accepted)
+
+
+def _is_moment(value: Any) -> bool:
+    return type(value) is int and abs(value) < FOREVER
 
 
 def _spans(found: list[dict[str, Any]]) -> list[Episode]:
@@ -140,7 +178,7 @@ def _spans(found: list[dict[str, Any]]) -> list[Episode]:
     spans = dict[int, Episode]()
     for event in found:
         number, stamp = event["episode"], event["stamp"]
-        span = spans.get(number, Episode(number, stamp, FOREVER, ()))
+        span = spans.get(number, Episode(number, 0, FOREVER, ()))  # begun in a part before, if no event tells its start
         if event["event"] == "start":
             span = span._replace(first=stamp)
         elif event["event"] == "stop":

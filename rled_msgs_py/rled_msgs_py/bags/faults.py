@@ -1,12 +1,14 @@
 """What is wrong with a recording that can be read: each fault with its time and its remedy."""
 
 from collections.abc import Iterator, Mapping
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rled_msgs_py.bags.series import Series, fallen_back, interleaved
+from rled_msgs_py.bags.series import Series
+from rled_msgs_py.bags.stamps import fallen_back, interleaved
 from rled_msgs_py.tick import STATE_TOPICS
 from rled_msgs_py.topics import EE_POSE, JOINT_DELTA, JOINT_STATES, TASK_STATUS
 
@@ -20,8 +22,8 @@ TOGETHER = 25
 NO_ORDER, TWO_PUBLISHERS, RENAMED, INVALID = "stamps backwards", "two publishers", "names change", "not valid"
 CLOCK_JUMP, STOPS, LOST = "clock jump", "topic stops", "messages lost"
 
-ASIDE = (CLOCK_JUMP, STOPS, LOST)
-"""Faults that spoil the episodes they are in; the others spoil the whole recording."""
+ASIDE = (CLOCK_JUMP, STOPS, LOST, RENAMED, INVALID)
+"""Faults that cost the moments they are at; the others spoil the whole recording."""
 
 
 class Fault(NamedTuple):
@@ -95,9 +97,11 @@ def _zigzag(each: Series, period: int) -> NDArray[np.bool_]:
 def _misfits(each: Series) -> Iterator[Fault]:
     for kind, is_renamed in ((RENAMED, True), (INVALID, False)):
         of_kind = [misfit for misfit in each.misfits if misfit.is_renamed == is_renamed]
-        if of_kind:
-            more = f" (and {len(of_kind) - 1} more)" if len(of_kind) > 1 else ""
-            yield Fault(kind, (each.topic.name,), of_kind[0].moment, of_kind[-1].moment, of_kind[0].what + more)
+        apart = np.flatnonzero(np.diff([misfit.moment for misfit in of_kind]) > SILENCE) + 1
+        for begin, end in pairwise([0, *apart.tolist(), len(of_kind)] if of_kind else []):
+            first, last = of_kind[begin], of_kind[end - 1]
+            more = f" (and {end - begin - 1} more)" if end - begin > 1 else ""
+            yield Fault(kind, (each.topic.name,), first.moment, last.moment, first.what + more)
 
 
 def _missing(found: Mapping[str, Series], period: int) -> Iterator[Fault]:
@@ -109,11 +113,13 @@ def _missing(found: Mapping[str, Series], period: int) -> Iterator[Fault]:
     whole = ticks[np.all([np.isin(ticks, each.moments) for each in states], axis=0)]
     ticks = ticks[ticks >= whole[0]] if len(whole) else ticks  # the recorder came upon the topics one by one
     for each in states:
-        yield from _silences(each, ticks, ~np.isin(ticks, each.moments), period)
+        told = [misfit.moment for misfit in each.misfits]
+        yield from _silences(each, ticks, ~np.isin(ticks, [*each.moments, *told]), period)
     delta, status = found[JOINT_DELTA.name], found[TASK_STATUS.name]
     if len(delta.stamps):
         last = status.moments[status.values[:, 3] > 0] if len(status.stamps) else ticks[:0]
-        unanswered = ~np.isin(ticks, delta.moments) & ~np.isin(ticks, last)
+        held = status.moments[:-1][holds(status)] if len(status.stamps) else ticks[:0]
+        unanswered = ~np.isin(ticks, delta.moments) & ~np.isin(ticks, [*last, *held])
         for fault in _silences(delta, ticks, unanswered, period):
             if fault.kind == STOPS:
                 yield fault
@@ -143,15 +149,25 @@ def _clock(status: Series, cuts: list[tuple[int, int]]) -> Iterator[Fault]:
     same = np.diff(status.values[:, 0]) == 0
     counted = np.diff(status.values[:, 1])
     cut = np.isin(status.moments[1:], [after for _, after in cuts])
-    lost = same & (counted > 1) & ~cut
-    jumped = same & (counted == 1) & (steps > STEADY * usual) & ~cut
+    long = same & (counted >= 0) & (steps > STEADY * usual) & ~cut
+    in_real_time = bool((holds(status) & (steps < STEADY * usual)).any())  # and then a period may pass without a step
+    lost = same & (counted > 1) & ~cut | long & ((counted == 0) | in_real_time)
     every = tuple(topic.name for topic in STATE_TOPICS)
     for place in np.flatnonzero(lost).tolist():
-        what = f"{int(counted[place]) - 1} ticks are missing: the step counter jumps"
+        missing, why = int(counted[place]) - 1, "the step counter jumps"
+        if in_real_time or missing < 0:
+            missing, why = round(steps[place] / usual) - 1, f"nothing for {steps[place] * 1e-9:.2f} s"
+        what = f"{missing} ticks are missing: {why}"
         yield Fault(LOST, every, int(status.moments[place]), int(status.moments[place + 1]), what)
-    for place in np.flatnonzero(jumped).tolist():
+    for place in np.flatnonzero(long & ~lost & (counted == 1)).tolist():
         what = f"the stamp jumps ahead by {steps[place] * 1e-9:.3f} s within one step"
         yield Fault(CLOCK_JUMP, every, int(status.moments[place]), int(status.moments[place + 1]), what)
+
+
+def holds(status: Series) -> NDArray[np.bool_]:
+    """Whether each status but the last is followed by one of the same step: nobody commanded, shape (k - 1,)."""
+    steps: NDArray[np.bool_] = (np.diff(status.values[:, :2], axis=0) == 0).all(axis=1) & (np.diff(status.moments) > 0)
+    return steps
 
 
 def _long_steps(states: Series, cuts: list[tuple[int, int]]) -> Iterator[Fault]:

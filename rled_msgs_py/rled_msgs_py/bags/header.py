@@ -2,7 +2,8 @@
 
 import struct
 
-from rled_msgs_py.messages import NANOSECONDS
+from rled_msgs_py.errors import ContractError
+from rled_msgs_py.messages import LATEST, NANOSECONDS
 from rled_msgs_py.topics import CLOCK, DIAGNOSTIC_ARRAY, DIAGNOSTICS, JOINT_STATE, POSE_STAMPED
 
 STAMPED = (JOINT_STATE, POSE_STAMPED, DIAGNOSTIC_ARRAY, CLOCK)
@@ -24,10 +25,18 @@ def sim_stamp(name: str, type_name: str, data: bytes) -> int | None:
 
 
 def moved(name: str, type_name: str, data: bytes, shift: int) -> bytes:
-    """The same message with a stamp later by ``shift`` (ns of simulation time); as it is when it has no such stamp."""
+    """The same message with a stamp later by ``shift`` (ns of simulation time); as it is when it has no such stamp.
+
+    Raises:
+        ContractError: no message can have the later stamp.
+    """
     stamp = sim_stamp(name, type_name, data)
     if stamp is None:
         return data
+    if not -LATEST <= stamp + shift < LATEST:
+        raise ContractError(
+            f"a stamp on {name} of {stamp} ns, to be moved by {shift} ns", f"less than {LATEST} ns then"
+        )
     return data[:4] + struct.pack(_time(data), *divmod(stamp + shift, NANOSECONDS)) + data[END:]
 
 

@@ -1,7 +1,9 @@
 """The chunks of an MCAP file: runs of records packed as one, with a checksum."""
 
 import threading
+from collections.abc import Iterable
 from mmap import mmap
+from pathlib import Path
 from struct import Struct
 from typing import NamedTuple
 from zlib import crc32
@@ -10,12 +12,17 @@ import lz4.frame
 import zstandard
 from mcap.opcode import Opcode
 
-from rled_msgs_py.bags.error import Damage
+from rled_msgs_py.bags.error import Damage, ForeignBag, Oversized
 from rled_msgs_py.bags.mcap_records import HEAD
 
 CHUNK_HEAD = Struct("<QQQII")
 LENGTH = Struct("<Q")
-LARGEST = 1 << 31
+LARGEST = 1 << 30
+"""Bytes of a chunk; recorders make chunks of some megabytes, few of some hundred."""
+SMALL_CHUNK, SMALL_FILE = 16 << 20, 64 << 20
+"""Bytes up to which a chunk, and all chunks of a file, may be packed as well as can be."""
+CHUNK_RATIO, FILE_RATIO = 100, 500
+"""How many times as large they may become beyond that; states and images of a camera become 2 to 50 times as large."""
 ZSTD = "zstd"
 ZSTD_OVERHEAD = HEAD.size + CHUNK_HEAD.size + len(ZSTD) + LENGTH.size
 """Bytes of a chunk's record beside its packed content."""
@@ -72,31 +79,62 @@ def chunk_record(records: bytes | bytearray, first: int, last: int, packer: zsta
     return b"".join((HEAD.pack(Opcode.CHUNK, len(head) + len(content)), head, content))
 
 
+def require_measure(chunks: Iterable[Chunk], size: int, path: Path) -> None:
+    """See that what is packed in a file is in proportion to it, before any of it is unpacked.
+
+    Args:
+        chunks: of the file.
+        size: bytes of the file.
+        path: its name, for the error.
+
+    Raises:
+        ForeignBag: it is not.
+    """
+    total, most = sum(min(chunk.size, _most(chunk)) for chunk in chunks), max(SMALL_FILE, FILE_RATIO * size)
+    if total > most:
+        raise ForeignBag(f"{path} claims to hold {total} bytes in its {size}", f"{most} bytes at most")
+
+
 def unpack(data: mmap | bytes, chunk: Chunk) -> bytes:
     """The records of a chunk.
 
     Raises:
+        Oversized: they are out of proportion to what they are packed in.
         Damage: they cannot be unpacked, or their checksum differs.
     """
-    where = f"the chunk at byte {chunk.start}"
-    if chunk.size > LARGEST:
-        raise Damage(f"{where} claims {chunk.size} bytes")
+    where, most = f"the chunk at byte {chunk.start}", _most(chunk)
+    packed = data[chunk.start : chunk.stop]
     try:
-        records = _unpacked(data[chunk.start : chunk.stop], chunk)
+        if (claimed := _claimed(packed, chunk)) > most:
+            raise Oversized(f"{where} claims to hold {claimed} bytes in its {len(packed)}")
+        records = _unpacked(packed, chunk, min(chunk.size, most))
+        if len(records) != chunk.size and chunk.crc:  # what has its checksum is right, whatever its size
+            records = _unpacked(packed, chunk, most)
     except (zstandard.ZstdError, RuntimeError, MemoryError) as error:
         raise Damage(f"{where} cannot be unpacked ({error})") from None
-    if len(records) != chunk.size or (chunk.crc and crc32(records) != chunk.crc):
+    if crc32(records) != chunk.crc if chunk.crc else len(records) != chunk.size:
         raise Damage(f"{where} fails its checksum")
     return records
 
 
-def _unpacked(packed: bytes, chunk: Chunk) -> bytes:
+def _claimed(packed: bytes, chunk: Chunk) -> int:
+    """Bytes that unpacking would take; a frame of zstd may know better than the chunk, if there is a checksum."""
+    claimed: int = zstandard.frame_content_size(packed) if chunk.compression == ZSTD else -1
+    return claimed if claimed >= 0 and chunk.crc else max(claimed, chunk.size)
+
+
+def _most(chunk: Chunk) -> int:
+    """Bytes that a chunk may have when it is unpacked."""
+    return min(LARGEST, max(SMALL_CHUNK, CHUNK_RATIO * (chunk.stop - chunk.start)))
+
+
+def _unpacked(packed: bytes, chunk: Chunk, most: int) -> bytes:
+    """The content of a chunk; where it is larger than ``most`` bytes, so many at the most, or nothing."""
     if chunk.compression == ZSTD:
         # a broken frame may claim any size, and would be given the memory
-        claimed = zstandard.frame_content_size(packed)
-        return _zstd().decompress(packed, max_output_size=chunk.size) if claimed in (-1, chunk.size) else b""
+        return _zstd().decompress(packed, max_output_size=most) if zstandard.frame_content_size(packed) <= most else b""
     if chunk.compression == "lz4":
-        records: bytes = lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=chunk.size)
+        records: bytes = lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=most)
         return records
     if chunk.compression:
         raise Damage(f"the chunk at byte {chunk.start} is packed by '{chunk.compression}', not by zstd or lz4")

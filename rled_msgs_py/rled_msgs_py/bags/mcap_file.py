@@ -10,8 +10,8 @@ import numpy as np
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from rled_msgs_py.bags.error import BagError, Damage, remedy
-from rled_msgs_py.bags.mcap_chunks import Chunk, unpack
+from rled_msgs_py.bags.error import BagError, Damage, ForeignBag, Oversized, remedy
+from rled_msgs_py.bags.mcap_chunks import Chunk, require_measure, unpack
 from rled_msgs_py.bags.mcap_records import HEAD, MAGIC, walk
 from rled_msgs_py.bags.mcap_survey import Survey
 from rled_msgs_py.bags.metadata import custom_of
@@ -40,6 +40,8 @@ def map_file(path: Path) -> mmap:
         BagError: the file cannot be read, is empty or begins as something else.
     """
     try:
+        if not path.is_file() and path.exists():  # a pipe would be waited for
+            raise BagError(f"{path} is no regular file", "an .mcap file")
         with path.open("rb") as file:
             if not file.seek(0, 2):
                 raise BagError(f"{path} is empty", "a recorded .mcap file", "record it again")
@@ -56,6 +58,8 @@ def located(path: Path) -> Iterator[None]:
     """Turn damage into an error that names the file."""
     try:
         yield
+    except Oversized as damage:
+        raise ForeignBag(f"{path} is refused: {damage}", "chunks as recorders write them") from None
     except Damage as damage:
         raise BagError(f"{path} is damaged: {damage}", "", remedy(path)) from None
 
@@ -74,12 +78,13 @@ class McapFile:
         if not self._survey.is_ended or self._data[self._survey.end :] != MAGIC:
             what = f"{path} is unfinished: it breaks off at byte {self._survey.end}"
             raise BagError(what, "a bag whose recorder ended in order", remedy(path))
+        require_measure(self._survey.chunks, len(self._data), path)
         with located(path):
             self._check()
             definitions = self._survey.definitions
             self.counts: Mapping[int, int] = self._count()
             self.topics: Mapping[int, BagTopic] = {
-                channel: definitions.topic(channel) for channel in {*definitions.channels, *self.counts}
+                channel: _absolute(definitions.topic(channel)) for channel in {*definitions.channels, *self.counts}
             }
             self.custom: Mapping[str, str] = custom_of(self._survey.information[-1:])
 
@@ -112,7 +117,9 @@ class McapFile:
     def _count(self) -> Mapping[int, int]:
         statistics, definitions = self._survey.statistics, self._survey.definitions
         if statistics is not None and len(definitions.channels) == statistics.channel_count:
-            return dict(statistics.channel_message_counts)
+            listed = statistics.channel_message_counts
+            if sum(listed.values()) == statistics.message_count:  # the list may be left out
+                return dict(listed)
         counts = Counter[int]()
         for chunk in self._survey.chunks:
             block = unpack(self._data, chunk)
@@ -129,6 +136,8 @@ class McapFile:
                 continue
             block = unpack(self._data, chunk)
             index = self._index(chunk, block, wanted)
+            if not index:
+                continue
             blocks.append(block)
             indexes.append(index)
             bases.append((base, len(index) // PAIR.itemsize))
@@ -157,6 +166,10 @@ class McapFile:
         pairs = np.zeros(len(offsets), PAIR)
         pairs["offset"] = offsets
         return pairs.tobytes()
+
+
+def _absolute(topic: BagTopic) -> BagTopic:
+    return topic._replace(name="/" + topic.name.lstrip("/"))
 
 
 def _run(blocks: list[bytes], indexes: list[bytes], bases: list[tuple[int, int]], wanted: set[int]) -> Messages:

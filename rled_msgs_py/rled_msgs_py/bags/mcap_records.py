@@ -18,6 +18,10 @@ from rled_msgs_py.bags.storage import BagTopic
 
 MAGIC = b"\x89MCAP0\r\n"
 HEAD = Struct("<BQ")
+QOS, HASH = "offered_qos_profiles", "topic_type_hash"
+"""What rosbag2 calls them in the metadata of a channel."""
+NO_SCHEMA = Schema(data=b"", encoding="", id=0, name="")
+"""For a channel that has none: MCAP allows that."""
 MESSAGE_HEAD = Struct("<HIQQ")
 """Channel, number (MCAP's ``sequence``), log time, publish time (ns); the message follows."""
 
@@ -36,11 +40,11 @@ def message_record(channel: int, number: int, log_time: int, publish_time: int, 
 
 
 def walk(data: mmap | bytes, start: int, stop: int) -> Iterator[tuple[int, int, int]]:
-    """Opcode, begin and end of the content of each whole record; ends before one that does not fit."""
+    """Opcode, begin and end of the content of each whole record; ends before one that does not fit or is none."""
     while stop - start >= HEAD.size:
         opcode, length = HEAD.unpack_from(data, start)
         start += HEAD.size
-        if length > stop - start:
+        if length > stop - start or not opcode:
             return
         yield opcode, start, start + length
         start += length
@@ -79,21 +83,35 @@ class Definitions:
             raise Damage(f"{kind.__name__.lower()} {record.id} is defined twice, differently")
 
     def topic(self, channel: int) -> BagTopic:
-        """The topic of a channel.
+        """The topic of a channel, with everything that the file says of it.
 
         Raises:
             Damage: it is not defined.
         """
         found = self.channels.get(channel)
-        schema = found and self.schemas.get(found.schema_id)
-        if not found or not schema:
+        if not found:
             raise Damage(f"channel {channel} is not defined")
+        schema = self.schemas.get(found.schema_id, NO_SCHEMA)
+        details = tuple(sorted((key, text) for key, text in found.metadata.items() if key not in (QOS, HASH)))
         return BagTopic(
-            "/" + found.topic.lstrip("/"),
+            found.topic,
             schema.name,
             found.message_encoding,
-            schema.data.decode(errors="replace"),
+            schema.data.decode(errors="surrogateescape"),
             schema.encoding,
-            found.metadata.get("topic_type_hash", ""),
-            found.metadata.get("offered_qos_profiles", ""),
+            found.metadata.get(HASH, ""),
+            found.metadata.get(QOS, ""),
+            details,
         )
+
+
+def schema_of(topic: BagTopic, number: int) -> Schema:
+    """The message definition of a topic, as it stands in a file."""
+    text = topic.definition.encode(errors="surrogateescape")
+    return Schema(data=text, encoding=topic.definition_encoding, id=number, name=topic.type)
+
+
+def channel_of(topic: BagTopic, number: int, schema: int) -> Channel:
+    """The channel of a topic, as it stands in a file; the schema 0 is none."""
+    known = {key: text for key, text in ((QOS, topic.qos), (HASH, topic.hash)) if text}
+    return Channel(number, topic.name, topic.encoding, known | dict(topic.details), schema)

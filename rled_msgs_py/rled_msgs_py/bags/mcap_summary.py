@@ -5,9 +5,9 @@ from struct import Struct
 from zlib import crc32
 
 from mcap.opcode import Opcode
-from mcap.records import SummaryOffset
+from mcap.records import Attachment, AttachmentIndex, Metadata, MetadataIndex, SummaryOffset
 
-from rled_msgs_py.bags.mcap_records import HEAD, MAGIC, packed
+from rled_msgs_py.bags.mcap_records import HEAD, MAGIC, packed, parse
 
 FOOTER = Struct("<QQ")
 CRC = Struct("<I")
@@ -30,3 +30,25 @@ def summary(start: int, groups: Sequence[tuple[Opcode, Iterable[bytes]]]) -> Ite
             offsets += packed(SummaryOffset(group_opcode=opcode, group_start=begin, group_length=at - begin))
     footer = HEAD.pack(Opcode.FOOTER, FOOTER.size + CRC.size) + FOOTER.pack(start, at)
     yield offsets + footer + CRC.pack(crc32(offsets + footer, crc)) + MAGIC
+
+
+def index_of(opcode: int, content: bytes, start: int) -> Iterator[tuple[Opcode, bytes]]:
+    """The record by which the summary finds an attachment or metadata; nothing for other records.
+
+    Args:
+        opcode: of the record.
+        content: of the record.
+        start: where the record begins in the file.
+
+    Raises:
+        Damage: the content is something else.
+    """
+    length = HEAD.size + len(content)
+    if opcode == Opcode.METADATA:
+        name = parse(Metadata, content, 0, len(content)).name
+        yield Opcode.METADATA_INDEX, packed(MetadataIndex(start, length, name))
+    if opcode == Opcode.ATTACHMENT:
+        found = parse(Attachment, content, 0, len(content))
+        times, size = (found.log_time, found.create_time), len(found.data)
+        index = AttachmentIndex(start, length, *times, size, found.name, found.media_type)
+        yield Opcode.ATTACHMENT_INDEX, packed(index)

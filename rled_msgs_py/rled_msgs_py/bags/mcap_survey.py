@@ -11,15 +11,19 @@ from struct import Struct
 from zlib import crc32
 
 from mcap.opcode import Opcode
-from mcap.records import DataEnd, Footer, Metadata, Statistics
+from mcap.records import DataEnd, Footer, Header, Metadata, Statistics
 
 from rled_msgs_py.bags.error import Damage
 from rled_msgs_py.bags.mcap_chunks import Chunk, chunk_at
 from rled_msgs_py.bags.mcap_records import HEAD, MAGIC, Definitions, parse, walk
 
-CHANNEL = Struct("<H")
-INDEX_HEAD_BYTES = 6
+INDEX_HEAD = Struct("<HI")
+"""Channel, and the bytes of its pairs of log time and offset, which follow."""
 CRC_BYTES = 4
+PRIVATE = 0x80
+"""The first opcode that MCAP leaves to applications."""
+LOOSE_BYTES = 4 << 20
+"""Loose messages are put together to runs of about this size."""
 METADATA = "rosbag2"
 """Name of the metadata record in which rosbag2 repeats its ``metadata.yaml``."""
 
@@ -28,8 +32,10 @@ class Survey:
     """What a file holds, up to its footer or to the first record that is not whole.
 
     Attributes:
-        chunks: in the order of the file; loose messages count as one more chunk without indexes.
+        profile: what kind of recording the file says it is.
+        chunks: in the order of the file; a run of loose messages counts as a chunk without indexes.
         definitions: those outside the chunks; a finished file repeats all of them in its summary.
+        others: attachments, metadata of others and private records of the data: opcode, begin and end.
         information: YAML texts of the bag's metadata, the oldest first.
         statistics: counts of the summary, when there is one.
         data_end: where the data ends, when that is marked.
@@ -39,7 +45,9 @@ class Survey:
     """
 
     def __init__(self, data: mmap | bytes) -> None:
+        self.profile = ""
         self.chunks: list[Chunk] = []
+        self.others: list[tuple[int, int, int]] = []
         self.definitions = Definitions()
         self.information: list[str] = []
         self.statistics: Statistics | None = None
@@ -49,11 +57,9 @@ class Survey:
         self.damage: list[Damage] = []
         self._data = data
         self._data_crc = self._summary_crc = 0
-        self._has_loose_messages = False
+        self._loose: tuple[int, int] | None = None
         self._visit_all()
-        if self._has_loose_messages:
-            data_end = self.end if self.data_end is None else self.data_end
-            self.chunks.append(Chunk("", data_end - len(MAGIC), 0, len(MAGIC), data_end, {}))
+        self._end_loose()
 
     def has_right_data(self) -> bool:
         """Whether the data have their checksum, if one was computed."""
@@ -70,22 +76,28 @@ class Survey:
 
     def _visit_all(self) -> None:
         visitors: Mapping[int, Callable[[int, int], None]] = {
+            int(Opcode.HEADER): self._header,
             int(Opcode.CHUNK): self._chunk,
             int(Opcode.MESSAGE): self._message,
             int(Opcode.SCHEMA): partial(self.definitions.take, Opcode.SCHEMA, self._data),
             int(Opcode.CHANNEL): partial(self.definitions.take, Opcode.CHANNEL, self._data),
             int(Opcode.METADATA): self._metadata,
+            int(Opcode.ATTACHMENT): partial(self._other, Opcode.ATTACHMENT),
             int(Opcode.DATA_END): self._data_ends,
             int(Opcode.STATISTICS): self._statistics,
             int(Opcode.FOOTER): self._footer,
         }
-        message_index, chunks, channel_at = int(Opcode.MESSAGE_INDEX), self.chunks, CHANNEL.unpack_from
+        message_index, chunks, head_at = int(Opcode.MESSAGE_INDEX), self.chunks, INDEX_HEAD.unpack_from
         for opcode, start, stop in walk(self._data, len(MAGIC), len(self._data)):
-            if opcode == message_index and chunks and stop - start >= INDEX_HEAD_BYTES:
+            if opcode == message_index and chunks and stop - start >= INDEX_HEAD.size:
                 # in a file of small chunks most records are these, so no call is made
-                chunks[-1].indexes[channel_at(self._data, start)[0]] = (start + INDEX_HEAD_BYTES, stop)
+                channel, length = head_at(self._data, start)
+                begin = start + INDEX_HEAD.size
+                chunks[-1].indexes[channel] = (begin, min(begin + length, stop))
             elif opcode in visitors:
                 self._visit(visitors[opcode], start, stop)
+            elif opcode >= PRIVATE:
+                self._other(opcode, start, stop)
             self.end = stop
             if self.is_ended:
                 return
@@ -96,16 +108,35 @@ class Survey:
         except Damage as damage:
             self.damage.append(damage)
 
+    def _header(self, start: int, stop: int) -> None:
+        self.profile = parse(Header, self._data, start, stop).profile
+
     def _chunk(self, start: int, stop: int) -> None:
+        self._end_loose()
         self.chunks.append(chunk_at(self._data, start, stop))
 
-    def _message(self, *_: int) -> None:
-        self._has_loose_messages = True
+    def _message(self, start: int, stop: int) -> None:
+        if self._loose is None or start - self._loose[0] > LOOSE_BYTES:
+            self._end_loose()
+            self._loose = (start - HEAD.size, stop)
+        self._loose = (self._loose[0], stop)
+
+    def _end_loose(self) -> None:
+        if self._loose:
+            start, stop = self._loose
+            self.chunks.append(Chunk("", stop - start, 0, start, stop, {}))
+            self._loose = None
+
+    def _other(self, opcode: int, start: int, stop: int) -> None:
+        if self.data_end is None:
+            self.others.append((opcode, start, stop))
 
     def _metadata(self, start: int, stop: int) -> None:
         record = parse(Metadata, self._data, start, stop)
         if record.name == METADATA:
             self.information.append(record.metadata.get("serialized_metadata", ""))
+        else:
+            self._other(Opcode.METADATA, start, stop)
 
     def _data_ends(self, start: int, stop: int) -> None:
         self.data_end = start - HEAD.size

@@ -10,9 +10,10 @@ from rled_msgs_py.bags.copies import DESCRIPTIONS, Cuts, Report, dated, whole
 from rled_msgs_py.bags.episodes import CUTS, Episode, cuts, episodes, events
 from rled_msgs_py.bags.error import BagError
 from rled_msgs_py.bags.header import moved
-from rled_msgs_py.bags.series import fallen_back
+from rled_msgs_py.bags.stamps import fallen_back
 from rled_msgs_py.bags.timeline import Timeline, timeline
 from rled_msgs_py.bags.writer import BagWriter
+from rled_msgs_py.errors import command
 from rled_msgs_py.messages import NANOSECONDS
 from rled_msgs_py.records import Text
 from rled_msgs_py.topics import EPISODE_EVENTS, JOINT_STATES
@@ -43,7 +44,7 @@ def merge(bags: Sequence[Bag], output: Path, report: Report, *, overwrite: bool 
         taken_out += [(before + shift, after + shift) for before, after in cuts(bag)]
         steps.append(_Step.of(bag, extent, line, shift, log_shift, number))
         number += max((event["episode"] for event in steps[-1].events), default=-1) + 1
-    with whole(output, {**shared, CUTS: json.dumps(taken_out)}, overwrite) as writer:
+    with whole(output, {**shared, CUTS: json.dumps(taken_out)}, overwrite, bags) as writer:
         for place, step in enumerate(steps):
             step.write(writer, report, with_descriptions=not place)
         return int(writer.counts.total())
@@ -109,5 +110,5 @@ def _require_fit(first: Bag, other: Bag) -> None:
         if getattr(first, what) != getattr(other, what):
             raise BagError(f"{first.path} and {other.path} differ in their {what}", "recordings of one robot and task")
     if fallen_back(other.joints(JOINT_STATES).stamps).any():
-        remedy = f"take its parts with: demos trim {other.path} --from S --to S --output PART"
+        remedy = f"take its parts with: {command('demos', 'trim', other.path)} --from S --to S --output PART"
         raise BagError(f"the stamps of {other.path} fall back", "stamps that only grow", remedy)

@@ -1,22 +1,27 @@
 """``metadata.yaml`` of a bag folder, version 9, as rosbag2 of Jazzy writes it."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from datetime import date
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import yaml
 
-from rled_msgs_py.bags.error import BagError, Damage, remedy
+from rled_msgs_py.bags.error import BagError, Damage, ForeignBag, remedy
 from rled_msgs_py.bags.storage import BagTopic
+from rled_msgs_py.errors import ContractError, command
 from rled_msgs_py.files import whole_file
+from rled_msgs_py.foreign import read_text, read_yaml
 from rled_msgs_py.topics import Qos
 
 FILE_NAME = "metadata.yaml"
 ROOT = "rosbag2_bagfile_information"
+STORAGES = ("mcap", "sqlite3")
+MAX_QOS = 64 << 10
+"""Characters of the quality of service of a channel; that of one publisher takes 400."""
 NO_TIME = 2**63 - 1
 """Starting time of a bag without messages."""
 
-LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 DUMPER = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 
 FOREVER = {"sec": 9223372036, "nsec": 854775807}
@@ -103,23 +108,31 @@ def read_metadata(folder: Path) -> Contents:
     """Read ``metadata.yaml`` of any version.
 
     Raises:
-        BagError: missing, unreadable, of another storage, or compressed in a way that is not read.
+        ForeignBag: another storage, or compressed in a way that is not read.
+        BagError: missing, unreadable, or damaged.
     """
     path = folder / FILE_NAME
     try:
-        found = yaml.load(path.read_text(encoding="utf-8"), LOADER)[ROOT]
-        _require(folder, "storage_identifier", found["storage_identifier"], "mcap", "sqlite3")
-        _require(folder, "compression_mode", found.get("compression_mode", ""), "", "none", "storage")
-        # old versions wrote paths from the folder above
-        files = [Path(name).name for name in found["relative_file_paths"]]
-        return Contents(files, int(found["message_count"]), _custom(found))
+        found = read_yaml(read_text(path, str(path)), str(path))[ROOT]
+        _require_readable(folder, found)
+        return _contents(found)
     except FileNotFoundError:
         what = f"{folder} has no {FILE_NAME}, so its recorder has not ended in order"
         raise BagError(what, "a finished bag", remedy(folder)) from None
     except OSError as error:
         raise BagError(f"{path} cannot be read: {error.strerror}") from None
-    except (yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError, ValueError, AttributeError):
+    except (ContractError, LookupError, TypeError, ValueError, AttributeError):
         raise BagError(f"{path} is damaged", "metadata of a rosbag2 recording", remedy(folder)) from None
+
+
+def _contents(found: Mapping[str, Any]) -> Contents:
+    paths, count = found["relative_file_paths"], found["message_count"]
+    files = [Path(_text(path)).name for path in paths]  # old versions wrote paths from the folder above
+    if not isinstance(paths, list) or len(set(files)) < len(files) or any("\0" in name for name in files):
+        raise ValueError("relative_file_paths are not files of the folder")
+    if type(count) is not int or not 0 <= count < NO_TIME:
+        raise ValueError("message_count is no count")
+    return Contents(files, count, _custom(found))
 
 
 def custom_of(texts: Sequence[str]) -> dict[str, str]:
@@ -129,22 +142,42 @@ def custom_of(texts: Sequence[str]) -> dict[str, str]:
         Damage: a copy cannot be read, or two differ.
     """
     try:
-        copies = [_custom(yaml.load(text, LOADER) or {}) for text in texts]
-    except (yaml.YAMLError, AttributeError):
-        raise Damage("its metadata record is no YAML") from None
+        copies = [_custom(read_yaml(text, "the metadata record") or {}) for text in texts]
+    except (ContractError, AttributeError, TypeError, ValueError):
+        raise Damage("its metadata record is no YAML of a rosbag2 recording") from None
     if any(copy != copies[0] for copy in copies):
         raise Damage("the copies of its metadata differ")
     return copies[0] if copies else {}
 
 
+def offered(qos: str) -> list[dict[str, Any]]:
+    """The profiles of a channel's text; none where it is something else, which is no reason to refuse messages."""
+    try:
+        found = read_yaml(qos, "the quality of service") if len(qos) <= MAX_QOS else None
+    except ContractError:
+        found = None
+    return found if isinstance(found, list) and all(isinstance(each, dict) for each in found) else []
+
+
 def _custom(found: Mapping[str, Any]) -> dict[str, str]:
-    return {str(key): str(value) for key, value in (found.get("custom_data") or {}).items()}
+    return {_text(key): _text(value) for key, value in (found.get("custom_data") or {}).items()}
 
 
-def _require(folder: Path, name: str, value: str, *accepted: str) -> None:
-    if str(value).lower() not in accepted:
-        wanted = ", ".join(filter(None, accepted)) or "none"
-        raise BagError(f"{folder} has the {name} '{value}'", wanted, "convert it with: ros2 bag convert")
+def _text(value: Any) -> str:
+    """A scalar as text; ``str`` refuses integers that are too long with a ValueError."""
+    if not isinstance(value, str | int | float | None | date):
+        raise TypeError(f"{type(value)} is no text")
+    return str(value)
+
+
+def _require_readable(folder: Path, found: Mapping[str, Any]) -> None:
+    storage, mode = (_text(found.get(name, "")) for name in ("storage_identifier", "compression_mode"))
+    if storage not in STORAGES:
+        raise ForeignBag(f"{folder} has the storage_identifier '{storage}'", ", ".join(STORAGES))
+    if mode.lower() not in ("", "none", "storage"):
+        target = folder.resolve().with_name(f"{folder.resolve().name}_converted")
+        convert = command("rosbags-convert", "--src", folder, "--dst", target, "--dst-storage", "mcap")
+        raise ForeignBag(f"{folder} has the compression_mode '{mode}'", "none, storage", f"convert it with: {convert}")
 
 
 def _extent(first: int, last: int) -> dict[str, Any]:
@@ -160,7 +193,7 @@ def _topic(topic: BagTopic, count: int) -> dict[str, Any]:
             "name": topic.name,
             "type": topic.type,
             "serialization_format": topic.encoding,
-            "offered_qos_profiles": yaml.load(topic.qos, LOADER) or [],
+            "offered_qos_profiles": offered(topic.qos),
             "type_description_hash": topic.hash,
         },
         "message_count": count,

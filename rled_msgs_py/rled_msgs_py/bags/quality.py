@@ -4,8 +4,11 @@ The score lies between 0 and 1: the share of targets reached, times the geometri
 
 - directness: 1 / detour, the length of the path over the straight line;
 - smoothness: 1 / (1 + jerk / Δq_max), the jerk as change of the displacement's change, per tick and joint;
-- presence: 1 − the share of ticks at which the robot is idle;
+- presence: 1 − the share of steps in which the robot is idle;
 - agreement: 1 − contradiction.
+
+Motion is measured over the steps that the task counts. A hold, a tick at which nobody commanded in real time, is no
+part of what was demonstrated.
 """
 
 from typing import NamedTuple
@@ -13,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rled_msgs_py.bags.episodes import Episode
+from rled_msgs_py.bags.episodes import Episode, Leg
 from rled_msgs_py.bags.series import Floats
 from rled_msgs_py.bags.timeline import Timeline
 from rled_msgs_py.messages import NANOSECONDS
@@ -36,7 +39,7 @@ class Quality(NamedTuple):
         reached: share of its targets that were reached (1).
         detour: length of the path over the straight lines, in joint or task space, whichever is straighter (1).
         jerk: root mean square of the third derivative of the joint angles (rad/s³).
-        idle: share of ticks at which nothing moves (1).
+        idle: share of steps in which nothing moves (1).
         contradiction: mean distance of the normalised displacements of near states of other ways to targets (1).
         score: all of it, 0 to 1.
     """
@@ -100,19 +103,27 @@ def _apart(left: Floats, right: Floats) -> Floats:
 def _quality(task: TaskDescription, line: Timeline, episode: Episode, far: Floats) -> Quality:
     if not episode.legs:
         return Quality(0.0, 1.0, 0.0, 1.0, 0.0, 0.0)
-    spans = [slice(leg.first, leg.last + 1) for leg in episode.legs]
+    ways = [_steps(line, leg) for leg in episode.legs]
     reached = float(np.mean([leg.reached for leg in episode.legs]))
-    detour = min(_detour([values[span] for span in spans]) for values in (line.q, line.position))
-    third = [np.diff(line.q[span], 3, axis=0) for span in spans if span.stop - span.start > 3]
+    detour = min(_detour([values[way] for way in ways]) for values in (line.q, line.position))
+    pieces = [piece for way in ways for piece in np.split(way, np.flatnonzero(np.diff(line.step[way]) > 1) + 1)]
+    third = [np.diff(line.q[piece], 3, axis=0) for piece in pieces if len(piece) > 3]
     jerk = float(np.sqrt(np.mean(np.concatenate(third) ** 2))) if third else 0.0
-    steps = np.concatenate([np.abs(np.diff(line.q[span], axis=0)).max(axis=1) for span in spans])
+    steps = np.concatenate([np.abs(np.diff(line.q[way], axis=0)).max(axis=1) for way in ways])
     idle = float(np.mean(steps < IDLE * task.max_delta)) if len(steps) else 0.0
-    own = np.concatenate([far[span.start : span.stop - 1] for span in spans])
+    own = np.concatenate([far[leg.first : leg.last] for leg in episode.legs])
     contradiction = float(np.nanmean(own)) if not np.isnan(own).all() else 0.0
     marks = 1.0 / detour, 1.0 / (1.0 + jerk / task.max_delta), 1.0 - idle, 1.0 - contradiction
     score = reached * float(np.prod(np.clip(marks, 0.0, 1.0)) ** (1.0 / len(marks)))
     per_second = jerk / (task.period / NANOSECONDS) ** 3
     return Quality(reached, detour, per_second, idle, contradiction, score)
+
+
+def _steps(line: Timeline, leg: Leg) -> NDArray[np.intp]:
+    """The rows of a leg between which the task counted a step: of ticks that repeat it, the last."""
+    rows = np.arange(leg.first, leg.last + 1)
+    counts = np.diff(line.step[rows]) != 0
+    return rows[np.append(counts, True)] if counts.any() else rows
 
 
 def _detour(paths: list[Floats]) -> float:

@@ -26,6 +26,7 @@ class Review(NamedTuple):
         episodes: in order, discarded ones too.
         qualities: of each episode.
         faults: in order.
+        period: simulation time between ticks (ns).
     """
 
     series: dict[str, Series]
@@ -33,6 +34,7 @@ class Review(NamedTuple):
     episodes: list[Episode]
     qualities: list[Quality]
     faults: list[Fault]
+    period: int
 
     @property
     def begin(self) -> int:
@@ -54,7 +56,7 @@ def review(bag: Bag) -> Review:
 
     Raises:
         BagError: the file is damaged, or there is no description of the task.
-        ContractError: joints other than the task's.
+        ContractError: a joint of the task is in no message.
     """
     task = bag.task
     found = read_series(bag)
@@ -62,7 +64,7 @@ def review(bag: Bag) -> Review:
     divided = episodes(bag, line)
     found |= {topic.name: series(bag, topic) for topic in MARKED}
     faults = find_faults(found, [*cuts(bag), *pauses(divided, line)], task.period)
-    return Review(found, line, divided, qualities(task, line, divided), faults)
+    return Review(found, line, divided, qualities(task, line, divided), faults, task.period)
 
 
 def pauses(divided: list[Episode], line: Timeline) -> list[tuple[int, int]]:

@@ -1,32 +1,36 @@
 """The messages of one topic as rows over time, whatever is wrong with them: what checks and episodes are made of."""
 
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from functools import partial
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rled_msgs_py.bags.bag import Bag
 from rled_msgs_py.bags.error import BagError
+from rled_msgs_py.bags.header import stamp_of
+from rled_msgs_py.bags.joint_rows import joint_rows
+from rled_msgs_py.bags.stamps import Times, going_on
+from rled_msgs_py.bags.tables import JointTable, joint_table_of
 from rled_msgs_py.errors import ContractError
 from rled_msgs_py.messages import decode
 from rled_msgs_py.records import DeltaCommand, JointSample, PoseSample, Record, TaskStatus
-from rled_msgs_py.topics import JOINT_STATE, POSE_STAMPED, Topic
+from rled_msgs_py.topics import EE_POSE, JOINT_STATE, JOINT_STATES, POSE_STAMPED, TASK_DESCRIPTION, Topic
 
 Floats = NDArray[np.float64]
-Times = NDArray[np.int64]
 
-NEAR = 3
-"""Messages within which setbacks of the stamp that are made good again belong together."""
+SOON = 1_000_000_000
+"""How long after the last message of a topic a stamp that nothing else confirms is believed (ns)."""
 
 
 class Misfit(NamedTuple):
     """A message that is no row.
 
     Attributes:
-        moment: that of the last row before it (ns).
+        moment: its own, or that of the last message before it where it has none (ns).
         what: why, in words.
-        is_renamed: it is valid, but of other joints or in another frame than the first.
+        is_renamed: it is valid, but lacks joints or is in another frame than the first.
     """
 
     moment: int
@@ -41,7 +45,7 @@ class Series(NamedTuple):
         topic: of the contract.
         stamps: simulation time (ns), shape (k,).
         moments: the same, but going on where a stamp falls back for good (ns), shape (k,).
-        names: joint names, or the frame alone.
+        names: names of the task's joints, or the frame alone.
         values: numbers of each message, shape (k, v); joint messages: angles (rad), poses: position (m) and
             orientation, statuses: episode, step, targets reached, whether it is the last of its episode.
         misfits: messages that are not among the rows.
@@ -67,42 +71,60 @@ def series(bag: Bag, topic: Topic) -> Series:
         return _one_by_one(bag, topic)
 
 
-def fallen_back(stamps: Times) -> NDArray[np.bool_]:
-    """Where a stamp is less than the one before and what follows does not make it good, shape (k,)."""
-    back = np.diff(stamps, prepend=stamps[:1]) < 0
-    return back & ~interleaved(stamps)
-
-
-def interleaved(stamps: Times) -> NDArray[np.bool_]:
-    """Where a stamp is less than the one before, but the next one is not: as when two publishers take turns."""
-    back = np.diff(stamps, prepend=stamps[:1]) < 0
-    returns = np.zeros(len(stamps), dtype=bool)
-    returns[1:-1] = stamps[2:] >= stamps[:-2]
-    return back & returns
-
-
-def going_on(stamps: Times) -> Times:
-    """Moments: the stamps, each run that began anew moved to just after the run before it (ns), shape (k,)."""
-    fallen = fallen_back(stamps)
-    if not fallen.any():
-        return stamps
-    steps = np.diff(stamps)
-    usual = int(np.median(steps[steps > 0])) if (steps > 0).any() else 1
-    falls = np.zeros(len(stamps), np.int64)
-    falls[1:] = np.where(fallen[1:], usual - steps, 0)
-    moments: Times = stamps + np.cumsum(falls)
-    return moments
-
-
 def _at_once(bag: Bag, topic: Topic) -> Series:
     if topic.type == JOINT_STATE:
-        joints = bag.joints(topic)
-        return Series(topic, joints.stamps, going_on(joints.stamps), joints.names, joints.position)
+        return _of_joints(bag, topic, bag.joints(topic), [])
     if topic.type == POSE_STAMPED:
         poses = bag.poses(topic)
         values = np.hstack([poses.position, poses.orientation])
         return Series(topic, poses.stamps, going_on(poses.stamps), (poses.frame,), values)
     return _of(topic, bag.records(topic), ())
+
+
+class _Unread(NamedTuple):
+    """A message that cannot be read: its number among all, how many can be before it, its stamp if it has one, why."""
+
+    number: int
+    before: int
+    stamp: int | None
+    what: str
+
+    def misfit(self, moments: Times) -> Misfit:
+        """Told at its own time if that lies between those of its neighbours, else at that of the one before it."""
+        least = int(moments[self.before - 1]) if self.before else 0
+        most = int(moments[self.before]) if self.before < len(moments) else least + SOON
+        stamp = self.stamp if self.stamp is not None and least <= self.stamp <= most else least
+        return Misfit(stamp, f"message {self.number} is not valid: {self.what}", False)
+
+
+def _of_joints(bag: Bag, topic: Topic, table: JointTable, unread: list[_Unread]) -> Series:
+    """Joint messages as rows of the task's joints.
+
+    Args:
+        bag: where they lie.
+        topic: theirs.
+        table: those that can be read.
+        unread: those that cannot.
+    """
+    wanted = bag.task.joint_names if bag.counts[TASK_DESCRIPTION.name] else table.names
+    if not set(wanted) <= set(table.names):
+        return Series(topic, table.stamps, going_on(table.stamps), table.names, table.position, ())
+    rows = joint_rows(table, wanted, partial(_stamps_of_ticks, bag) if topic == JOINT_STATES else None)
+    numbers = np.delete(np.arange(len(table.stamps) + len(unread)), [each.number for each in unread])
+    moments, all_moments = going_on(rows.stamps), going_on(table.stamps)
+    misfits = [
+        Misfit(int(all_moments[row]), f"message {numbers[row]} {what}", is_renamed)
+        for row, what, is_renamed in rows.odd
+    ]
+    misfits += [each.misfit(all_moments) for each in unread]
+    return Series(topic, rows.stamps, moments, wanted, rows.position, tuple(sorted(misfits)))
+
+
+def _stamps_of_ticks(bag: Bag) -> Times:
+    try:
+        return bag.poses(EE_POSE).stamps
+    except BagError:
+        return np.empty(0, np.int64)
 
 
 def _of(topic: Topic, records: Iterable[Record], misfits: Sequence[Misfit]) -> Series:
@@ -114,29 +136,27 @@ def _of(topic: Topic, records: Iterable[Record], misfits: Sequence[Misfit]) -> S
 
 
 def _one_by_one(bag: Bag, topic: Topic) -> Series:
-    records, faults = list[Record](), list[tuple[int, str, bool]]()
+    records, renamed, unread = list[Record](), list[tuple[int, str]](), list[_Unread]()
     for number, message in enumerate(bag.messages(topic)):
         try:
             record = decode(topic, message.data)
-            names, expected = _row(record)[1], _row(records[0])[1] if records else ()
         except ContractError as error:
-            faults.append((len(records), f"message {number} is not valid: {error.what}", False))
+            unread.append(_Unread(number, len(records), stamp_of(topic.type, message.data), error.what))
             continue
-        if records and names != expected:
-            what = f"message {number} is of {', '.join(names)}, the first of {', '.join(expected)}"
-            faults.append((len(records), what, True))
+        first = records[0] if records else record
+        if isinstance(first, PoseSample) and isinstance(record, PoseSample) and record.frame != first.frame:
+            renamed.append((len(records), f"message {number} is of {record.frame}, the first of {first.frame}"))
         else:
             records.append(record)
+    if topic.type == JOINT_STATE:
+        return _of_joints(bag, topic, joint_table_of(cast(list[JointSample | DeltaCommand], records)), unread)
     found = _of(topic, records, ())
-    moments = [0, *found.moments.tolist()]
-    return found._replace(misfits=tuple(Misfit(moments[place], what, renamed) for place, what, renamed in faults))
+    misfits = [each.misfit(found.moments) for each in unread]
+    misfits += [Misfit(int(found.moments[place - 1]), what, True) for place, what in renamed]
+    return found._replace(misfits=tuple(sorted(misfits)))
 
 
 def _row(record: Record) -> tuple[int, tuple[str, ...], list[float]]:
-    if isinstance(record, JointSample):
-        return record.stamp, record.names, record.position.tolist()
-    if isinstance(record, DeltaCommand):
-        return record.stamp, record.names, record.delta.tolist()
     if isinstance(record, PoseSample):
         return record.stamp, (record.frame,), [*record.position.tolist(), *record.orientation.tolist()]
     assert isinstance(record, TaskStatus)

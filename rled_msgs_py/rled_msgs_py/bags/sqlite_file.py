@@ -14,9 +14,10 @@ from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
 from rled_msgs_py.bags.definitions import definition, is_known
 from rled_msgs_py.bags.error import BagError
+from rled_msgs_py.bags.sqlite_check import require_plain
 from rled_msgs_py.bags.storage import BagTopic, Messages
 
-RUN_MESSAGES = 10_000
+RUN_MESSAGES, RUN_BYTES = 10_000, 4 << 20
 MAGIC = b"SQLite format 3\0"
 
 
@@ -31,11 +32,14 @@ class SqliteFile:
         self.path = path
         self.custom: Mapping[str, str] = {}
         _require_sqlite(path)
+        with _reported(path):
+            require_plain(path)
         with self._open() as reader:
             found = {connection.id: connection for connection in reader.connections}
         self._connections: Mapping[int, Connection] = found
         self.counts: Mapping[int, int] = {number: each.msgcount for number, each in found.items()}
-        self.topics: Mapping[int, BagTopic] = {number: _topic(each) for number, each in found.items()}
+        with _reported(path):
+            self.topics: Mapping[int, BagTopic] = {number: _topic(each) for number, each in found.items()}
 
     def messages(self, channels: Collection[int]) -> Iterator[Messages]:
         """Messages of some channels, in runs.
@@ -47,12 +51,13 @@ class SqliteFile:
         if not wanted:
             return
         with self._open() as reader:
-            rows = list[tuple[int, int, bytes]]()
+            rows, held = list[tuple[int, int, bytes]](), 0
             for connection, time, data in reader.messages(wanted):
                 rows.append((connection.id, time, bytes(data)))
-                if len(rows) == RUN_MESSAGES:
+                held += len(data)
+                if len(rows) == RUN_MESSAGES or held > RUN_BYTES:
                     yield _run(rows)
-                    rows = []
+                    rows, held = [], 0
             if rows:
                 yield _run(rows)
 
@@ -60,20 +65,29 @@ class SqliteFile:
     def _open(self) -> Iterator[Any]:
         reader = Sqlite3Reader(self.path)
         try:
-            reader.open()
-            yield reader
-        except BagError:
-            raise
-        except Exception as error:  # rosbags and sqlite raise whatever a broken file leads them to
-            reason = " ".join(str(error).split())
-            raise BagError(f"{self.path} is damaged: {reason}", "a recorded .db3 file", "record it again") from None
+            with _reported(self.path):
+                reader.open()
+                yield reader
         finally:
             if reader.dbconn:
                 reader.close()
 
 
+@contextmanager
+def _reported(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except BagError:
+        raise
+    except Exception as error:  # rosbags and sqlite raise whatever a broken file leads them to
+        reason = " ".join(str(error).split())
+        raise BagError(f"{path} is damaged: {reason}", "a recorded .db3 file", "record it again") from None
+
+
 def _require_sqlite(path: Path) -> None:
     try:
+        if not path.is_file() and path.exists():  # a pipe would be waited for
+            raise BagError(f"{path} is no regular file", "a .db3 file")
         with path.open("rb") as file:
             head = file.read(len(MAGIC))
     except OSError as error:

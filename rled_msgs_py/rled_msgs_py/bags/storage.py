@@ -1,7 +1,7 @@
 """What a bag's reader asks of a file format."""
 
 from collections.abc import Collection, Iterator, Mapping
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,12 +12,13 @@ class BagTopic(NamedTuple):
 
     Attributes:
         name: absolute name.
-        type: message type, ``package/msg/Type``.
+        type: message type, ``package/msg/Type``; whatever a foreign recorder writes, or empty.
         encoding: of the messages, ``cdr``.
-        definition: text of the message definition.
+        definition: text of the message definition; bytes that are no UTF-8 are kept as surrogates.
         definition_encoding: of that text, ``ros2msg``.
         hash: REP 2016 hash of the type, or empty.
-        qos: offered quality of service, YAML as rosbag2 writes it.
+        qos: offered quality of service, YAML as rosbag2 writes it, or empty.
+        details: whatever else a foreign recorder says of it, by name.
     """
 
     name: str
@@ -27,6 +28,7 @@ class BagTopic(NamedTuple):
     definition_encoding: str
     hash: str
     qos: str
+    details: tuple[tuple[str, str], ...] = ()
 
 
 class Messages(NamedTuple):
@@ -47,6 +49,10 @@ class Messages(NamedTuple):
     publish_time: NDArray[np.int64]
     start: NDArray[np.int64]
     size: NDArray[np.int64]
+
+    def chosen(self, which: NDArray[Any]) -> "Messages":
+        """Some of them: a mask of shape (k,), or places."""
+        return Messages(self.data, *(column[which] for column in self[1:]))
 
 
 class Storage(Protocol):

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rled_msgs_py.bags.columns import payloads
 from rled_msgs_py.bags.storage import BagTopic, Messages, Storage
-from rled_msgs_py.bags.tables import payloads
 
 Choice = Callable[[BagTopic], bool]
 

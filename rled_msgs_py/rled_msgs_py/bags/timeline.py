@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rled_msgs_py.bags.bag import Bag
-from rled_msgs_py.bags.series import Floats, Series, Times, series
-from rled_msgs_py.records import order_by_name
+from rled_msgs_py.bags.series import Floats, Series, series
+from rled_msgs_py.bags.stamps import Times
+from rled_msgs_py.records import find_by_name
 from rled_msgs_py.tick import STATE_TOPICS
 from rled_msgs_py.topics import JOINT_DELTA, JOINT_STATES
 
@@ -26,6 +27,7 @@ class Timeline(NamedTuple):
         step: step within it, shape (k,).
         reached: targets reached within it, shape (k,).
         action: Δq (rad) that answers the tick, NaN where none does, shape (k, n).
+        is_anew: whether the stamps begin anew with the tick, shape (k,).
     """
 
     moments: Times
@@ -36,11 +38,13 @@ class Timeline(NamedTuple):
     step: NDArray[np.int64]
     reached: NDArray[np.int64]
     action: Floats
+    is_anew: NDArray[np.bool_]
 
     @property
     def answered(self) -> NDArray[np.bool_]:
         """Whether a displacement answers the tick, shape (k,)."""
-        return ~np.isnan(self.action[:, 0])
+        answered: NDArray[np.bool_] = np.all(np.isfinite(self.action), axis=1)
+        return answered
 
 
 def read_series(bag: Bag) -> dict[str, Series]:
@@ -59,7 +63,7 @@ def timeline(bag: Bag, found: dict[str, Series] | None = None) -> Timeline:
 
     Raises:
         BagError: the file is damaged.
-        ContractError: joints other than the task's.
+        ContractError: a joint of the task is in no message.
     """
     found = found or read_series(bag)
     names, n = bag.task.joint_names, bag.task.action_size
@@ -72,14 +76,16 @@ def timeline(bag: Bag, found: dict[str, Series] | None = None) -> Timeline:
     action = np.full((len(moments), n), np.nan)
     _, here, there = np.intersect1d(moments, delta.moments, return_indices=True)
     if len(here):
-        action[here] = delta.values[there][:, order_by_name(delta.names, names, JOINT_DELTA.name)]
+        action[here] = delta.values[there][:, find_by_name(delta.names, names, JOINT_DELTA.name)]
     if len(status.moments):
         episode, step, reached = _rows(status, moments)[:, :3].astype(np.int64).T
     else:
         episode, step, reached = _counted(goal)
     q = _rows(states, moments)
-    q = q[:, order_by_name(states.names, names, JOINT_STATES.name)] if len(q) else q.reshape(0, n)
-    return Timeline(moments, q, _rows(ee, moments)[:, :3], goal, episode, step, reached, action)
+    q = q[:, find_by_name(states.names, names, JOINT_STATES.name)] if len(q) else q.reshape(0, n)
+    shift = (states.moments - states.stamps)[_places(states, moments)]
+    is_anew = np.diff(shift, prepend=shift[:1]) != 0
+    return Timeline(moments, q, _rows(ee, moments)[:, :3], goal, episode, step, reached, action, is_anew)
 
 
 def _counted(goal: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
@@ -88,6 +94,11 @@ def _counted(goal: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArra
 
 
 def _rows(part: Series, moments: Times) -> Floats:
-    _, places = np.unique(part.moments, return_index=True)
-    rows: Floats = part.values[places[np.isin(part.moments[places], moments)]]
+    rows: Floats = part.values[_places(part, moments)]
     return rows.reshape(len(moments), -1) if len(moments) else np.empty((0, 7))
+
+
+def _places(part: Series, moments: Times) -> NDArray[np.intp]:
+    """Of the first row at each of some moments, shape (k,)."""
+    _, places = np.unique(part.moments, return_index=True)
+    return places[np.isin(part.moments[places], moments)]

@@ -1,13 +1,14 @@
 """Recording: records of the contract into a rosbag2 folder."""
 
-import shutil
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from types import MappingProxyType, TracebackType
 
 from rled_msgs_py.bags.definitions import definition
-from rled_msgs_py.bags.error import BagError, remedy
+from rled_msgs_py.bags.error import BagError, Unwritten, remedy
+from rled_msgs_py.bags.holding import ORIGINAL, ROOM, replaced
 from rled_msgs_py.bags.mcap_journal import SUFFIXES
 from rled_msgs_py.bags.mcap_writer import McapWriter
 from rled_msgs_py.bags.metadata import FILE_NAME, qos_profiles, write_metadata
@@ -104,7 +105,7 @@ class BagWriter:
         if topic not in self._channels:
             self._channels[topic] = self._file.add_topic(topic)
         self._last_log_time = max(log_time, self._last_log_time)
-        self._file.add_message(self._channels[topic], self._last_log_time, publish_time, data)
+        self._file.add_message(self._channels[topic], self._last_log_time, max(publish_time, 0), data)
         self.counts[topic.name] += 1
 
     def flush(self) -> None:
@@ -116,12 +117,26 @@ class BagWriter:
         if self._closed or self._file.failed:
             return
         self._closed = True
-        self._file.close()
         try:
+            self._file.close()
             write_metadata(self.path, [self._file.summary()], self._file.custom)
         except OSError as error:
             what = f"writing {self.path / FILE_NAME} failed: {error.strerror}; kept: all messages"
-            raise BagError(what, "", f"free space, then {remedy(self.path)}") from error
+            raise Unwritten(what, "", f"free space, then {remedy(self.path)}", error.strerror or "") from error
+        finally:
+            self._file.release()
+
+    def remove(self) -> None:
+        """Remove the bag, which is closed, unless another process has begun to write it.
+
+        Raises:
+            BagError: it cannot be removed.
+        """
+        try:
+            with replaced(self.path):
+                pass
+        except OSError as error:
+            raise BagError(f"{self.path} cannot be removed: {error.strerror}") from None
 
     def _channel(self, topic: Topic) -> int:
         if topic not in self._channels:
@@ -141,15 +156,29 @@ def _make_room(path: Path, overwrite: bool) -> None:
     """Make an empty folder.
 
     Raises:
-        BagError: something is there that may not be removed, or the folder cannot be made.
+        BagError: something is there that may not be removed, another process writes it, or it cannot be made.
     """
     try:
-        if path.exists():
-            require_replaceable(path, overwrite)
-            shutil.rmtree(path)
-        path.mkdir(parents=True)
+        with making_way(path, overwrite):
+            path.mkdir(parents=True)
     except OSError as error:
         raise BagError(f"the folder {path} cannot be made: {error.strerror}") from None
+
+
+@contextmanager
+def making_way(path: Path, overwrite: bool) -> Iterator[None]:
+    """A block in which a folder's name is free; what had it goes when the block ends without an error.
+
+    Raises:
+        BagError: something is there that may not be removed, or another process writes it.
+        OSError: it cannot be moved.
+    """
+    if not path.exists():
+        yield
+        return
+    require_replaceable(path, overwrite)
+    with replaced(path):
+        yield
 
 
 def require_replaceable(path: Path, overwrite: bool) -> None:
@@ -160,9 +189,17 @@ def require_replaceable(path: Path, overwrite: bool) -> None:
     """
     if not path.is_dir():
         raise BagError(f"{path} is a file", "the name of a folder that is not there yet")
-    ours = (".mcap", *SUFFIXES)
-    foreign = [each.name for each in path.iterdir() if each.name != FILE_NAME and each.suffix not in ours]
+    foreign = sorted(each.name for each in path.iterdir() if not _is_of_a_bag(each.name))
     if foreign:
         raise BagError(f"{path} exists and is no bag: it holds {foreign[0]}", "a folder that is not there yet")
     if not overwrite and any(path.iterdir()):
-        raise BagError(f"{path} exists", "a folder that is not there yet", "choose another name, or allow overwriting")
+        raise BagError(
+            f"{path} exists",
+            "a folder that is not there yet",
+            "choose another name, or --overwrite (overwrite:=true in a launch file)",
+        )
+
+
+def _is_of_a_bag(name: str) -> bool:
+    begun = name.startswith(".") and (ROOM in name or name.startswith(f".{Path(FILE_NAME).stem}-"))
+    return name == FILE_NAME or begun or Path(name).suffix in (".mcap", ORIGINAL, *SUFFIXES)

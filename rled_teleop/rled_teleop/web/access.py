@@ -2,13 +2,13 @@
 
 import hashlib
 import hmac
-from collections.abc import Mapping
 from dataclasses import dataclass
 from ipaddress import ip_address
 from typing import NamedTuple
-from urllib.parse import parse_qs, urlsplit
 
 from rled_msgs_py.errors import RledError
+
+from rled_teleop.web.request import PageRequest
 
 SHORTEST_TOKEN = 12
 COOKIE = "rled_teleop_web"
@@ -41,34 +41,27 @@ class Access:
 
     token: str = ""
 
-    def verdict(self, target: str, headers: Mapping[str, str]) -> Verdict:
-        """Judge a request.
-
-        Args:
-            target: path and query.
-            headers: of the request, found by any spelling of their names.
-        """
-        host = headers.get("Host", "")
-        origin = headers.get("Origin")
-        if headers.get("Upgrade", "").lower() == "websocket" and origin and urlsplit(origin).netloc != host:
+    def verdict(self, request: PageRequest) -> Verdict:
+        """Judge a request."""
+        if request.is_socket and request.origin is not None and request.origin != request.host:
             return Verdict(False, "this WebSocket was opened by another site")
         if not self.token:
-            name = urlsplit(f"//{host}").hostname or ""
+            name = request.name
             return Verdict(True) if is_loopback(name) else Verdict(False, f"called as '{name}', not as localhost")
-        given = parse_qs(urlsplit(target).query).get("token")
-        if given is not None:
-            right = hmac.compare_digest(given[-1].encode(), self.token.encode())
+        if request.tokens:
+            right = _same(request.tokens[-1], self.token)
             return Verdict(right, "" if right else "wrong token", self._cookie() if right else "")
-        if any(hmac.compare_digest(each.encode(), self._cookie().encode()) for each in _cookies(headers)):
+        if any(_same(each, self._cookie()) for each in request.cookies):
             return Verdict(True)
-        return Verdict(False, "open the page with ?token=... as printed when it started")
+        return Verdict(False, "open the page with ?token=WORD, the word that it was started with")
 
     def _cookie(self) -> str:
         return f"{COOKIE}={hashlib.sha256(self.token.encode()).hexdigest()}"
 
 
-def _cookies(headers: Mapping[str, str]) -> list[str]:
-    return [each.strip() for each in headers.get("Cookie", "").split(";")]
+def _same(given: str, right: str) -> bool:
+    """Compare in a time that tells nothing."""
+    return hmac.compare_digest(given.encode(), right.encode())
 
 
 def is_loopback(name: str) -> bool:
@@ -88,7 +81,9 @@ def access_for(host: str, token: str) -> Access:
         RledError: it would be open to other machines without a token, or the token is easily guessed.
     """
     if not token and not is_loopback(host):
-        raise RledError(f"the page would be open to everybody at {host}", "", "give --token WORD, or --host 127.0.0.1")
+        raise RledError(
+            f"the page would be open to everybody at {host}", "", "give --token-file FILE, or --host 127.0.0.1"
+        )
     if token and len(token) < SHORTEST_TOKEN:
         raise RledError(f"a token of {len(token)} characters", f"{SHORTEST_TOKEN} or more", "try: openssl rand -hex 16")
     return Access(token)

@@ -59,6 +59,7 @@ class DrivingPanel:
         self._enabled = enabled
         for each in (self._speed, self._go, self._retarget, *self._arrows, *self._sliders):
             each.disabled = not enabled
+        self._time.visible = enabled  # viser cannot disable a group of buttons
 
     def renew(self) -> None:
         """Bring it up to date."""
@@ -91,7 +92,7 @@ class DrivingPanel:
         self.enable(self._enabled)
 
     def _arrow(self, axis: int, sign: float) -> Any:
-        button = self._client.gui.add_button(f"{AXES[axis]} {'+' if sign > 0 else '−'}", color="gray")
+        button = self._client.gui.add_button(f"{AXES[axis]} {'+' if sign > 0 else '−'}", color="blue")
         direction = [0.0, 0.0, 0.0]
         direction[axis] = sign
         x, y, z = direction

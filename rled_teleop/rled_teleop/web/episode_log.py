@@ -3,7 +3,6 @@
 from dataclasses import dataclass, replace
 from threading import Lock
 
-import numpy as np
 from rled_msgs_py.bags.episodes import Episode, legs
 from rled_msgs_py.bags.quality import Quality, qualities
 from rled_msgs_py.bags.timeline import Timeline
@@ -11,8 +10,8 @@ from rled_msgs_py.records import DeltaCommand
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import Tick
 
-MOST_TICKS = 60_000
-"""Ticks of one episode that its quality is measured from; later ones are left out."""
+from rled_teleop.web.rows import Rows
+
 MOST_EPISODES = 500
 
 
@@ -41,10 +40,9 @@ class EpisodeLog:
     def __init__(self) -> None:
         self._lock = Lock()
         self._entries: dict[int, Entry] = {}
-        self._ticks: list[Tick] = []
-        self._deltas: dict[int, DeltaCommand] = {}
+        self._rows = Rows()
         self._running = False
-        self._to_measure: tuple[int, list[Tick], dict[int, DeltaCommand]] | None = None
+        self._to_measure: tuple[int, Rows] | None = None
 
     def add_event(self, event: str, number: int, outcome: str) -> None:
         """An episode begins (``start``), ends (``stop``), is worth something or not (``keep``, ``discard``)."""
@@ -53,7 +51,7 @@ class EpisodeLog:
                 if number in self._entries:  # another recorder counts from 0
                     self._entries.clear()
                 self._entries[number] = Entry(number)
-                self._ticks, self._deltas, self._running = [], {}, True
+                self._rows, self._running = Rows(), True
                 while len(self._entries) > MOST_EPISODES:
                     del self._entries[next(iter(self._entries))]
             elif (entry := self._entries.get(number)) is not None:
@@ -63,22 +61,21 @@ class EpisodeLog:
                     self._entries[number] = replace(entry, state=event, outcome=outcome or entry.outcome)
 
     def _end(self, entry: Entry, outcome: str) -> None:
-        ticks, self._running = self._ticks, False
-        seconds = (ticks[-1].stamp - ticks[0].stamp) * 1e-9 if ticks else 0.0
-        self._entries[entry.number] = replace(entry, state="ended", outcome=outcome, seconds=seconds)
-        self._to_measure = (entry.number, ticks, self._deltas)
+        rows, self._rows, self._running = self._rows, Rows(), False
+        self._entries[entry.number] = replace(entry, state="ended", outcome=outcome, seconds=rows.seconds)
+        self._to_measure = (entry.number, rows)
 
     def add_tick(self, tick: Tick) -> None:
         """Take a tick."""
         with self._lock:
-            if self._running and len(self._ticks) < MOST_TICKS:
-                self._ticks.append(tick)
+            if self._running:
+                self._rows.add_tick(tick)
 
     def add_delta(self, command: DeltaCommand) -> None:
         """Take the displacement that answers a tick."""
         with self._lock:
-            if self._running and len(self._deltas) < MOST_TICKS:
-                self._deltas[command.stamp] = command
+            if self._running:
+                self._rows.add_delta(command)
 
     def entries(self) -> list[Entry]:
         """All episodes, in order."""
@@ -99,29 +96,17 @@ class EpisodeLog:
         """Measure the episode that ended last, if that has not been done; takes a moment."""
         with self._lock:
             waiting, self._to_measure = self._to_measure, None
-        if waiting is None or not waiting[1]:
+        if waiting is None or not len(waiting[1]):
             return
-        number, ticks, deltas = waiting
-        quality = quality_of(task, ticks, deltas)
+        number, rows = waiting
+        quality = quality_of(task, rows.timeline(task.joint_names))
         with self._lock:
             if number in self._entries:
                 self._entries[number] = replace(self._entries[number], quality=quality)
 
 
-def quality_of(task: TaskDescription, ticks: list[Tick], deltas: dict[int, DeltaCommand]) -> Quality:
+def quality_of(task: TaskDescription, line: Timeline) -> Quality:
     """The measures of one episode by itself; what contradicts others shows in the whole bag only."""
-    names = task.joint_names
-    nothing = np.full(len(names), np.nan)
-    line = Timeline(
-        moments=np.array([each.stamp for each in ticks], dtype=np.int64),
-        q=np.array([each.joints.ordered(names).position for each in ticks]),
-        position=np.array([each.ee.position for each in ticks]),
-        target=np.array([each.target.position for each in ticks]),
-        episode=np.array([each.status.episode for each in ticks]),
-        step=np.array([each.status.step for each in ticks]),
-        reached=np.array([each.status.targets_reached for each in ticks]),
-        action=np.array([deltas[t.stamp].ordered(names).delta if t.stamp in deltas else nothing for t in ticks]),
-    )
     ways = tuple(leg for leg in legs(line, []) if leg.first < leg.last)
     whole = Episode(0, int(line.moments[0]), int(line.moments[-1]), ways)
     return qualities(task, line, [whole])[0]

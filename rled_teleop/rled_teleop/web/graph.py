@@ -5,9 +5,12 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
+from rled_msgs_py.awaiting import brought_by, say_what_is_awaited
+from rled_msgs_py.callbacks import every, listen
+from rled_msgs_py.convert import qos_profile
 from rled_msgs_py.messages import encode
 from rled_msgs_py.node import advertise, subscribe, subscribe_ticks
 from rled_msgs_py.records import PoseSample, Text
@@ -17,11 +20,13 @@ from rled_msgs_py.topics import (
     DIAGNOSTICS,
     EPISODE_EVENTS,
     JOINT_DELTA,
+    JOINT_STATES,
     MARKERS,
     ROBOT_DESCRIPTION,
     SAFETY_GATE,
     TARGET_REQUEST,
     TASK_DESCRIPTION,
+    Qos,
 )
 from visualization_msgs.msg import MarkerArray
 
@@ -33,6 +38,8 @@ from rled_teleop.web.services import SERVICES, GraphServices
 from rled_teleop.web.watched import Watched
 from rled_teleop.web_params import WebParams
 
+MOST_POINTS = 2000
+"""Points of a curve that is shown."""
 LOOK = 0.01
 """Seconds between two looks at what visitors ask for."""
 ROUND = 0.5
@@ -69,9 +76,16 @@ class Graph:
         subscribe(node, SAFETY_GATE, watched.on_decision)
         subscribe(node, DIAGNOSTICS, watched.on_health)
         subscribe(node, EPISODE_EVENTS, lambda text: watched.on_event(text.data))
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        node.create_timer(LOOK, self._look, clock=steady)
-        node.create_timer(ROUND, self._look_around, clock=steady)
+        every(node, LOOK, self._look)
+        every(node, ROUND, self._look_around)
+        say_what_is_awaited(node, self._awaited)
+
+    def _awaited(self) -> str:
+        missing = [
+            *([TASK_DESCRIPTION.name] if self._watched.task is None else []),
+            *([JOINT_STATES.name] if self._watched.tick is None else []),
+        ]
+        return brought_by(self._node, "sim_node", " and ".join(missing)) if missing else ""
 
     def _on_tick(self, tick: Tick) -> None:
         self._watched.on_tick(tick, self._control.is_wished())
@@ -82,13 +96,17 @@ class Graph:
     def _on_task(self, text: Text) -> None:
         self._watched.task = TaskDescription.from_json(text.data)
         if self._markers is None:
-            self._markers = self._node.create_subscription(MarkerArray, MARKERS.name, self._on_markers, 1)
+            qos, limit = qos_profile(Qos(depth=1)), MARKERS.largest
+            self._markers = listen(self._node, MarkerArray, MARKERS.name, qos, self._on_markers, limit)
 
-    def _on_markers(self, message: MarkerArray) -> None:
+    def _on_markers(self, data: bytes) -> None:
         """Take the curve; it does not change, and nobody has to draw it for this node again."""
-        for marker in message.markers:
-            if marker.ns == "curve":
-                self._watched.curve = [(point.x, point.y, point.z) for point in marker.points]
+        for marker in deserialize_message(data, MarkerArray).markers:
+            if marker.ns == "curve" and 0 < len(marker.points) <= MOST_POINTS:
+                points = np.array([(point.x, point.y, point.z) for point in marker.points])
+                if not np.isfinite(points).all():
+                    continue
+                self._watched.curve = list(map(tuple, points.tolist()))
                 if self._markers is not None:
                     self._node.destroy_subscription(self._markers)
                     self._markers = None

@@ -1,22 +1,22 @@
 """The gate in front of viser's server, which has no permissions and no limits of its own.
 
 Viser calls ``websockets.asyncio.server.serve`` once. Here that call is given more: each request is judged before a page
-or a WebSocket is served, connections are counted, and each is read at a limited rate, so that a flood waits in its
-sender's network and not in this process.
+or a WebSocket is served, connections are counted, and of each only what the page understands is read, at a limited
+rate, so that a flood waits in its sender's network and not in this process.
 """
 
-import asyncio
 import contextlib
 import io
 import logging
 import socket
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from http import HTTPStatus
 from typing import Any
+from urllib.parse import quote
 
+import viser
 import websockets.asyncio.server as websocket_server
 from rled_msgs_py.errors import RledError
 from websockets.asyncio.server import ServerConnection
@@ -24,51 +24,26 @@ from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
 from rled_teleop.web.access import Access
+from rled_teleop.web.connection import GuardedConnection
+from rled_teleop.web.inbound import MESSAGE_SIZE
+from rled_teleop.web.request import BadRequest, PageRequest, read_request
 
 MOST_CONNECTIONS = 12
-MESSAGE_RATE, BURST = 200.0, 200.0
-"""Messages a second that are read of one connection in the long run, and how many at once."""
-MESSAGE_SIZE = 256 * 1024
-"""Longest message (bytes); a page sends some hundred."""
-PING, SILENCE = 1.0, 3.0
-"""Seconds between pings, and until a peer that does not answer them is gone."""
+PING, SILENCE, GOODBYE = 1.0, 3.0, 2.0
+"""Seconds between pings, until a peer that does not answer them is gone, and until one that is to go has to be."""
+PROTOCOL = f"viser-v{viser.__version__}"
 NO_FRAMES = {"X-Frame-Options": "DENY", "Referrer-Policy": "no-referrer", "X-Content-Type-Options": "nosniff"}
 
 Hook = Callable[[ServerConnection, Request], Any]
 
 
-class Allowance:
-    """So many messages at once, and so many a second in the long run."""
-
-    def __init__(self, rate: float, burst: float) -> None:
-        self._rate, self._burst = rate, burst
-        self._left, self._then = burst, 0.0
-
-    def wait(self, now: float) -> float:
-        """Spend one message at a time (s); return how long (s) it has to wait."""
-        self._left = min(self._burst, self._left + (now - self._then) * self._rate) - 1.0
-        self._then = now
-        return max(0.0, -self._left / self._rate)
-
-
-class Throttled(ServerConnection):
-    """A connection that is read at a limited rate."""
-
-    def __init__(self, *arguments: Any, **options: Any) -> None:
-        super().__init__(*arguments, **options)
-        self._allowance = Allowance(MESSAGE_RATE, BURST)
-
-    async def recv(self, decode: bool | None = None) -> Any:
-        """Receive the next message, when it is due."""
-        message = await super().recv(decode)
-        if pause := self._allowance.wait(time.monotonic()):
-            await asyncio.sleep(pause)
-        return message
-
-
-def judged(access: Access, serve_page: Hook | None, connection: ServerConnection, request: Request) -> Any:
+def judged(access: Access, serve_page: Hook, connection: ServerConnection, request: Request) -> Any:
     """What is answered to a request: a refusal, or whatever the page's own server answers."""
-    verdict = access.verdict(request.path, request.headers)
+    try:
+        asked = read_request(request.path, request.headers)
+    except BadRequest as error:
+        return _answer(connection, error.status, str(error))
+    verdict = access.verdict(asked)
     if not verdict.allowed:
         return _answer(connection, HTTPStatus.FORBIDDEN, verdict.reason)
     if verdict.cookie:
@@ -76,16 +51,20 @@ def judged(access: Access, serve_page: Hook | None, connection: ServerConnection
         response.headers["Location"] = "/"
         response.headers["Set-Cookie"] = f"{verdict.cookie}; Path=/; HttpOnly; SameSite=Strict"
         return response
-    if _is_websocket(request) and len(connection.server.connections) >= MOST_CONNECTIONS:
-        return _answer(connection, HTTPStatus.SERVICE_UNAVAILABLE, "too many visitors")
-    response = serve_page(connection, request) if serve_page else None
-    if isinstance(response, Response):
-        response.headers.update(NO_FRAMES)
+    if asked.is_socket:
+        return _refused_socket(asked, connection)
+    response = serve_page(connection, Request(quote(asked.path), Headers({"Accept-Encoding": asked.encodings})))
+    response.headers.update(NO_FRAMES)
     return response
 
 
-def _is_websocket(request: Request) -> bool:
-    return str(request.headers.get("Upgrade", "")).lower() == "websocket"
+def _refused_socket(asked: PageRequest, connection: ServerConnection) -> Response | None:
+    """Why a WebSocket is not served; None if it is."""
+    if asked.protocols != (PROTOCOL,):
+        return _answer(connection, HTTPStatus.BAD_REQUEST, f"this page speaks {PROTOCOL}: open it anew")
+    if len(connection.server.connections) >= MOST_CONNECTIONS:
+        return _answer(connection, HTTPStatus.SERVICE_UNAVAILABLE, "too many visitors")
+    return None
 
 
 def _answer(connection: ServerConnection, status: HTTPStatus, text: str) -> Response:
@@ -103,11 +82,11 @@ def guarded(access: Access) -> Iterator[None]:
     """
     original, called = websocket_server.serve, []
 
-    def serve(handler: Any, *arguments: Any, process_request: Hook | None = None, **options: Any) -> Any:
+    def serve(handler: Any, *arguments: Any, process_request: Hook, **options: Any) -> Any:
         called.append(True)
-        limits = {"max_size": MESSAGE_SIZE, "ping_interval": PING, "ping_timeout": SILENCE, "logger": _quiet()}
-        hook = partial(judged, access, process_request)
-        return original(handler, *arguments, process_request=hook, create_connection=Throttled, **{**options, **limits})
+        limits = {"max_size": MESSAGE_SIZE, "ping_interval": PING, "ping_timeout": SILENCE, "close_timeout": GOODBYE}
+        options |= limits | {"create_connection": GuardedConnection, "logger": _quiet(), "server_header": None}
+        return original(handler, *arguments, process_request=partial(judged, access, process_request), **options)
 
     websocket_server.serve = serve
     try:

@@ -120,7 +120,7 @@ class LearningPanel:
         return "  \n".join(lines)
 
     def _button(self, gui: viser.GuiApi, label: str, what: str, icon: viser.Icon) -> Any:
-        button = gui.add_button(label, icon=icon, color="gray", visible=False)
+        button = gui.add_button(label, icon=icon, color="blue", visible=False)
 
         async def click(event: viser.GuiEvent[Any]) -> None:
             self._control.ask(event.client_id, what)

@@ -5,17 +5,18 @@ import io
 import os
 import time
 import traceback
+import warnings
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from threading import Event, Thread, get_native_id
 
 import viser
-from viser import _messages as messages
 
 from rled_teleop.web.access import Access
 from rled_teleop.web.control import Control
 from rled_teleop.web.guard import guarded, require_free
+from rled_teleop.web.inbound import check_values
 from rled_teleop.web.robot import load_robot
 from rled_teleop.web.scene import Scene
 from rled_teleop.web.studio import Studio
@@ -53,8 +54,6 @@ class Page:
         _yield_to_control()
         with guarded(access):
             self._server = viser.ViserServer(host=host, port=port, label="RLED", verbose=False)
-        # anybody on the page could ask viser to publish it on the Internet
-        self._server._websock_server.unregister_handler(messages.ShareUrlRequest)
         self._watched, self._control = watched, control
         self._scene, self._shown = Scene(self._server), set(AT_FIRST)
         self._visitors: dict[int, Visitor] = {}
@@ -83,11 +82,13 @@ class Page:
         self._studio.close()
 
     def _set_look(self) -> None:
+        warnings.filterwarnings("ignore", "Queued a .* on a closed connection")  # who leaves while a page is drawn
         self._server.gui.configure_theme(
             control_layout="fixed", control_width="large", show_logo=False, show_share_button=False
         )
 
     async def _on_arrival(self, client: viser.ClientHandle) -> None:
+        check_values(client)
         self._control.arrive(client.client_id)
         self._visitors[client.client_id] = Visitor(client, self._control, self._watched, self._studio, self._shown)
 

@@ -28,14 +28,14 @@ class RecordingPanel:
     def __init__(self, client: viser.ClientHandle, control: Control, watched: Watched, studio: Studio) -> None:
         self._client, self._control, self._watched, self._studio = client, control, watched, studio
         gui = client.gui
-        self._start = self._button("Begin episode", viser.Icon.PLAYER_RECORD, "start", "red")
+        self._start = self._button("Begin episode", viser.Icon.PLAYER_RECORD, "start")
         self._stop = self._button("End episode", viser.Icon.PLAYER_STOP, "stop")
         self._rest = [
             self._button("Keep", viser.Icon.CHECK, "keep", "green"),
-            self._button("Discard", viser.Icon.TRASH, "discard"),
+            self._button("Discard", viser.Icon.TRASH, "discard", "orange"),
             self._button("Mark pose", viser.Icon.MAP_PIN, "mark pose"),
         ]
-        self._finish = gui.add_button("Finish the bag", icon=viser.Icon.PACKAGE, color="gray")
+        self._finish = gui.add_button("Finish the bag", icon=viser.Icon.PACKAGE, color="indigo")
         self._finish.on_click(self._on_finish)
         self._list = gui.add_markdown("")
         with gui.add_folder("Recorded bags"):
@@ -43,13 +43,14 @@ class RecordingPanel:
             self._bags.on_update(self._on_bag)
             self._table = gui.add_markdown("")
             self._episode = gui.add_dropdown("Episode", (NONE,))
-            self._play = gui.add_button("Replay", icon=viser.Icon.PLAYER_PLAY, color="gray")
+            self._play = gui.add_button("Replay", icon=viser.Icon.PLAYER_PLAY, color="indigo")
             self._play.on_click(self._on_play)
-        self._opened = ""
+        self._opened, self._enabled = "", False
 
     def enable(self, enabled: bool) -> None:
         """Let the visitor use it, or not."""
-        for each in (self._start, self._stop, *self._rest, self._finish, self._bags, self._episode, self._play):
+        self._enabled = enabled
+        for each in (self._start, self._stop, *self._rest, self._finish, self._bags, self._episode):
             each.disabled = not enabled
 
     def renew(self) -> None:
@@ -65,6 +66,7 @@ class RecordingPanel:
             self._bags.value = self._opened or NONE
         self._choose(self._episode, tuple(map(str, self._studio.replayable)) or (NONE,))
         self._table.content = self._studio.table
+        self._play.disabled = not (self._enabled and self._studio.replayable)
         self._play.label = "Stop the replay" if self._studio.plays else "Replay"
 
     @staticmethod
@@ -72,7 +74,7 @@ class RecordingPanel:
         if tuple(dropdown.options) != options:
             dropdown.options = options
 
-    def _button(self, label: str, icon: viser.Icon, what: str, colour: Any = "gray") -> Any:
+    def _button(self, label: str, icon: viser.Icon, what: str, colour: Any = "blue") -> Any:
         button = self._client.gui.add_button(label, icon=icon, color=colour)
 
         async def click(event: viser.GuiEvent[Any]) -> None:

@@ -1,15 +1,14 @@
 """The robot of a URDF text, as shapes on links that turn."""
 
 import io
-import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from rled_sim.description import mesh_path
 from rled_sim.robots import ROBOTS
 
 Floats = NDArray[np.float64]
@@ -67,38 +66,34 @@ class RobotModel:
     missing: tuple[str, ...]
 
 
-def mesh_file(name: str) -> str:
-    """Where a mesh named in a URDF lies; ``package://`` is looked up in ROS workspaces, then beside known robots."""
-    path = name.removeprefix("package://").removeprefix("file://")
-    shares = [Path(each, "share") for each in os.environ.get("AMENT_PREFIX_PATH", "").split(":") if each]
-    folders = [*shares, *(robot.urdf.parent for robot in ROBOTS.values())]
-    return str(next((folder / path for folder in folders if (folder / path).is_file()), path))
-
-
 @lru_cache(2)
 def load_robot(description: str) -> RobotModel:
     """Read a URDF text with the meshes that it names; read before, it is at hand.
 
     Raises:
-        ValueError: it is no URDF.
+        ValueError: it is no URDF, or one that cannot be drawn.
     """
     import yourdfpy  # a second, only for whoever shows a robot
 
     missing = set[str]()
 
     def find(fname: str) -> str:
-        found = mesh_file(fname)
-        if not Path(found).is_file():
+        found = mesh_path(fname, [robot.urdf.parent for robot in ROBOTS.values()])
+        if not found.is_file():
             missing.add(fname)
-        return found
+        return str(found)
 
-    urdf = yourdfpy.URDF.load(
-        io.BytesIO(description.encode()),
-        filename_handler=find,
-        build_collision_scene_graph=False,
-        load_collision_meshes=False,
-    )
-    return RobotModel(tuple(_links(urdf)), tuple(sorted(missing)))
+    try:
+        urdf = yourdfpy.URDF.load(
+            io.BytesIO(description.encode()),
+            filename_handler=find,
+            build_collision_scene_graph=False,
+            load_collision_meshes=False,
+        )
+        links = tuple(_links(urdf))
+    except Exception as error:  # yourdfpy raises whatever a broken text leads it to
+        raise ValueError(f"the robot description cannot be drawn ({type(error).__name__}: {error})") from error
+    return RobotModel(links, tuple(sorted(missing)))
 
 
 def _links(urdf: Any) -> Iterator[Link]:

@@ -1,15 +1,20 @@
 """What the page asks of the nodes around it, called without waiting for the answers."""
 
+import math
 from functools import partial
 from typing import Any, NamedTuple
 
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
 from rclpy.node import Node
+from rled_msgs_py.client import Client
+from rled_msgs_py.errors import ContractError, RledError, shortened
 from std_srvs.srv import SetBool, Trigger
 
-AGENT_PARAMETERS = ("threshold", "measure", "query_timeout", "phi")
-"""Adjustable ones, of which an agent has some."""
+AGENT_PARAMETERS: dict[str, float | str] = {"threshold": 0.0, "measure": "", "query_timeout": 0.0, "phi": 0.0}
+"""Adjustable ones, of which an agent has some, each with a value of its type."""
+MAX_ANSWER = 300
+"""Characters of an answer that are shown."""
 
 
 class Service(NamedTuple):
@@ -55,68 +60,78 @@ class GraphServices:
     """
 
     def __init__(self, node: Node, names: dict[str, str]) -> None:
-        def client(service: Service) -> Any:
+        def client(service: Service) -> Client:
             kind = Trigger if service.switch is None else SetBool
-            return node.create_client(kind, f"{names[service.node]}/{service.name}")
+            return Client(node, kind, f"{names[service.node]}/{service.name}")
 
         by_path = {(each.node, each.name): client(each) for each in SERVICES.values()}
         self._clients = {what: by_path[(each.node, each.name)] for what, each in SERVICES.items()}
         agent = names["agent"]
-        self._list = node.create_client(ListParameters, f"{agent}/list_parameters")
-        self._get = node.create_client(GetParameters, f"{agent}/get_parameters")
-        self._set = node.create_client(SetParameters, f"{agent}/set_parameters")
+        self._list = Client(node, ListParameters, f"{agent}/list_parameters")
+        self._get = Client(node, GetParameters, f"{agent}/get_parameters")
+        self._set = Client(node, SetParameters, f"{agent}/set_parameters")
         self.answer = ""
         self.parameters: dict[str, Any] = {}
 
     @property
     def has_agent(self) -> bool:
         """Whether an agent answers."""
-        return bool(self._clients["enable"].service_is_ready())
+        return self._clients["enable"].is_ready
 
     def ask(self, what: str) -> None:
         """Call a service; ``answer`` changes when it has answered."""
         if (also := f"agent {what}") in SERVICES and self.has_agent:
             self.ask(also)
         client, service = self._clients[what], SERVICES[what]
-        if not client.service_is_ready():
-            self.answer = f"{what}: no node offers {client.srv_name}"
+        if not client.is_ready:
+            self.answer = f"{what}: no node offers {client.name}"
             return
         request = Trigger.Request() if service.switch is None else SetBool.Request(data=service.switch)
-        client.call_async(request).add_done_callback(partial(self._on_answer, what))
+        client.ask(request, partial(self._on_answer, what), partial(self._on_failure, what))
 
     def set(self, name: str, value: float | str) -> None:
         """Set a parameter of the agent."""
-        if not self._set.service_is_ready():
+        if not self._set.is_ready:
             self.answer = f"{name}: no agent is running"
             return
-        parameter = Parameter(name=name, value=_value(value))
-        future = self._set.call_async(SetParameters.Request(parameters=[parameter]))
-        future.add_done_callback(partial(self._on_set, name, value))
+        request = SetParameters.Request(parameters=[Parameter(name=name, value=_value(value))])
+        self._set.ask(request, partial(self._on_set, name, value), partial(self._on_failure, name))
 
     def look(self) -> None:
         """Ask for the agent's parameters; call it now and then."""
         if not self.has_agent:
             self.parameters = {}
-        elif self._list.service_is_ready():
-            self._list.call_async(ListParameters.Request()).add_done_callback(self._on_list)
+        elif self._list.is_ready:
+            self._list.ask(ListParameters.Request(), self._on_list, self._on_silence)
 
-    def _on_list(self, future: Any) -> None:
-        names = [each for each in future.result().result.names if each in AGENT_PARAMETERS]
-        request = GetParameters.Request(names=names)
-        if names and self._get.service_is_ready():
-            self._get.call_async(request).add_done_callback(partial(self._on_values, names))
+    def _on_list(self, response: Any) -> None:
+        names = [each for each in AGENT_PARAMETERS if each in response.result.names]
+        if names and self._get.is_ready:
+            self._get.ask(GetParameters.Request(names=names), partial(self._on_values, names), self._on_silence)
 
-    def _on_values(self, names: list[str], future: Any) -> None:
-        values = future.result().values
-        self.parameters = {name: _plain(each) for name, each in zip(names, values, strict=True)}
+    def _on_values(self, names: list[str], response: Any) -> None:
+        if len(response.values) != len(names):
+            raise ContractError(f"{len(response.values)} values of the parameters {', '.join(names)}")
+        self.parameters = {name: _plain(name, each) for name, each in zip(names, response.values, strict=True)}
 
-    def _on_answer(self, what: str, future: Any) -> None:
-        response = future.result()
-        self.answer = f"{what}: {response.message}" if response.success else f"{what} REFUSED: {response.message}"
+    def _on_silence(self, _: RledError) -> None:
+        """The parameters of an agent that does not say them as an agent would are not shown."""
+        self.parameters = {}
 
-    def _on_set(self, name: str, value: float | str, future: Any) -> None:
-        result = future.result().results[0]
-        self.answer = f"{name} is {value}" if result.successful else f"{name} REFUSED: {result.reason}"
+    def _on_answer(self, what: str, response: Any) -> None:
+        message = shortened(response.message, MAX_ANSWER)
+        self.answer = f"{what}: {message}" if response.success else f"{what} REFUSED: {message}"
+
+    def _on_failure(self, what: str, error: RledError) -> None:
+        self.answer = f"{what}: {shortened(str(error), MAX_ANSWER)}"
+
+    def _on_set(self, name: str, value: float | str, response: Any) -> None:
+        if len(response.results) != 1:
+            raise ContractError(f"{len(response.results)} answers to one parameter", "one")
+        result = response.results[0]
+        self.answer = (
+            f"{name} is {value}" if result.successful else f"{name} REFUSED: {shortened(result.reason, MAX_ANSWER)}"
+        )
 
 
 def _value(value: float | str) -> ParameterValue:
@@ -125,5 +140,14 @@ def _value(value: float | str) -> ParameterValue:
     return ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=float(value))
 
 
-def _plain(value: ParameterValue) -> float | str:
-    return str(value.string_value) if value.type == ParameterType.PARAMETER_STRING else float(value.double_value)
+def _plain(name: str, value: ParameterValue) -> float | str:
+    """The value of a parameter.
+
+    Raises:
+        ContractError: it is of another type, or too long, or no finite number.
+    """
+    if value.type == ParameterType.PARAMETER_STRING and isinstance(AGENT_PARAMETERS[name], str):
+        return shortened(value.string_value, MAX_ANSWER)
+    if value.type != ParameterType.PARAMETER_DOUBLE or not math.isfinite(value.double_value):
+        raise ContractError(f"parameter {name} of the agent of type {value.type}", "a finite number")
+    return float(value.double_value)

@@ -3,6 +3,7 @@
 Importing what the page needs takes a second. The other processes are started before that.
 """
 
+import re
 import shlex
 import sys
 import time
@@ -13,18 +14,21 @@ from typing import TYPE_CHECKING
 
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
+from rled_msgs_py.callbacks import raise_ending
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.node import declare
 from rled_msgs_py.processes import Child, Children, program
 
 from rled_teleop.web.access import access_for
 from rled_teleop.web.order import OPERATOR, OrderSlot
+from rled_teleop.web.token import Token, given_token
 from rled_teleop.web_params import WebParams
 
 if TYPE_CHECKING:
     from rled_teleop.web.control import Control
     from rled_teleop.web.watched import Watched
 
+IS_TOKEN = re.compile(r"(.*:)?token:=")
 SPIN = 0.05
 """Longest wait for a message before signals, children and page are looked at again (s)."""
 
@@ -34,12 +38,13 @@ class PageThread:
 
     Args:
         params: of the page.
+        token: that opens it.
         watched: what the graph says.
         control: what visitors want.
     """
 
-    def __init__(self, params: WebParams, watched: "Watched", control: "Control") -> None:
-        self._params, self._watched, self._control = params, watched, control
+    def __init__(self, params: WebParams, token: Token, watched: "Watched", control: "Control") -> None:
+        self._params, self._token, self._watched, self._control = params, token, watched, control
         self._stop = Event()
         self._error: BaseException | None = None
         self._thread = Thread(target=self._run, name="page")
@@ -69,9 +74,9 @@ class PageThread:
         from rled_teleop.web.page import Page
 
         params = self._params
-        access = access_for(params.host, params.token)
+        access = access_for(params.host, self._token.word)
         page = Page(params.host, params.port, access, self._watched, self._control, Path(params.output))
-        print(f"page: {address(params)}", flush=True)
+        print(f"page: {address(params, self._token)}", flush=True)
         try:
             page.run(self._stop)
         finally:
@@ -88,10 +93,10 @@ def _prepare(robot: str) -> None:
         load_robot(ROBOTS[robot].description)
 
 
-def address(params: WebParams) -> str:
+def address(params: WebParams, token: Token) -> str:
     """Where a browser finds the page."""
     host = f"[{params.host}]" if ":" in params.host else params.host
-    return f"http://{host}:{params.port}/" + (f"?token={params.token}" if params.token else "")
+    return f"http://{host}:{params.port}/{token.query}"
 
 
 def serve(node: Node, stop: Event) -> None:
@@ -101,13 +106,16 @@ def serve(node: Node, stop: Event) -> None:
         RledError: a mistake in the parameters, or a child process failed.
     """
     params = declare(node, WebParams)
-    access_for(params.host, params.token)
+    token = given_token(params)
+    access_for(params.host, token.word)
+    if token.warning:
+        node.get_logger().warning(token.warning)
     orders = OrderSlot()
     with Children() as children:
         _start(children, params)
         operator = _start_operator(children, orders.file)
         Thread(target=_prepare, args=(params.robot,), daemon=True).start()
-        page = _open(node, params, orders)
+        page = _open(node, params, token, orders)
 
         def check() -> None:
             children.check()
@@ -121,14 +129,14 @@ def serve(node: Node, stop: Event) -> None:
             page.close()
 
 
-def _open(node: Node, params: WebParams, orders: OrderSlot) -> PageThread:
+def _open(node: Node, params: WebParams, token: Token, orders: OrderSlot) -> PageThread:
     from rled_teleop.web.control import Control
     from rled_teleop.web.graph import Graph
     from rled_teleop.web.watched import Watched
 
     watched, control = Watched(), Control(params.timeout, orders.put)
     Graph(node, params, watched, control)
-    return PageThread(params, watched, control)
+    return PageThread(params, token, watched, control)
 
 
 def _start(children: Children, params: WebParams) -> None:
@@ -152,7 +160,13 @@ def _start_operator(children: Children, orders: int) -> Child:
 def _named(name: str) -> list[str]:
     """Options that put another node into this one's namespace, with its topics but under a name of its own."""
     given = sys.argv[sys.argv.index("--ros-args") + 1 :] if "--ros-args" in sys.argv else []
-    return ["--ros-args", "-r", f"__node:={name}", *given] if given else []
+    return ["--ros-args", "-r", f"__node:={name}", *without_token(given)] if given else []
+
+
+def without_token(given: list[str]) -> list[str]:
+    """ROS arguments without the parameter that opens the page: it is for this process."""
+    found = [k for k, each in enumerate(given) if IS_TOKEN.match(each) and k > 0 and given[k - 1] in ("-p", "--param")]
+    return [each for k, each in enumerate(given) if k not in found and k + 1 not in found]
 
 
 def _spin(node: Node, stop: Event, check: Callable[[], None]) -> None:
@@ -162,6 +176,7 @@ def _spin(node: Node, stop: Event, check: Callable[[], None]) -> None:
     try:
         while not stop.is_set() and node.context.ok():
             executor.spin_once(timeout_sec=SPIN)
+            raise_ending(node)
             if (now := time.monotonic()) >= due:
                 due = now + SPIN
                 check()

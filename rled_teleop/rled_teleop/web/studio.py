@@ -5,6 +5,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
+from shlex import quote
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -165,7 +166,7 @@ class Studio:
         if not bag.is_dir():
             self.said = "nothing was recorded"
             return
-        self.said = f"{bag} is complete; `demos check {bag}` looks it over"
+        self.said = f"{bag} is complete; `demos check {quote(str(bag))}` looks it over"
         self._list()
         self._look_through(bag.name)
 
@@ -180,7 +181,7 @@ class Studio:
             return
         bag = Bag(self._folder / name)
         found = review(bag)
-        self._open = bag, found
+        self._open, self.said = (bag, found), bag.note or self.said
         rows = [
             f"| {each.number} | {'✔' if each.kept else '✘'} | {quality.score:.2f} | {quality.reached:.0%} "
             f"| {quality.detour:.2f} | {quality.jerk:.3g} |"
@@ -194,7 +195,9 @@ class Studio:
         if self._open is None:
             return
         bag, found = self._open
-        episode = next(each for each in found.episodes if each.number == number)
+        episode = next((each for each in found.episodes if each.number == number), None)
+        if episode is None:  # it was of the bag that was open before
+            return
         moments = found.line.moments
         rows = (moments >= episode.first) & (moments <= episode.last)
         if rows.any():

@@ -1,14 +1,16 @@
 """The newest of what the graph says, for the page to look at when it likes. All methods are thread-safe."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from threading import Lock
 from typing import Any
 
+from rled_msgs_py.errors import ContractError
+from rled_msgs_py.foreign import read_json
 from rled_msgs_py.records import Actor, DeltaCommand, GateDecision, Health
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import Tick
+from rled_msgs_py.topics import EPISODE_EVENTS
 
 from rled_teleop.web.curves import Curves
 from rled_teleop.web.episode_log import EpisodeLog
@@ -100,9 +102,9 @@ class Watched:
     def on_event(self, text: str) -> None:
         """Take an event of the recorder."""
         try:
-            event = json.loads(text)
+            event = read_json(text, EPISODE_EVENTS.name)
             self.log.add_event(str(event["event"]), int(event["episode"]), str(event.get("outcome", "")))
-        except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
+        except (ContractError, ValueError, KeyError, TypeError, AttributeError, OverflowError):
             return
 
     def health(self, name: str) -> Health | None:

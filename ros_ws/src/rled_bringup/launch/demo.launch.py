@@ -5,6 +5,7 @@ from pathlib import Path
 from ament_index_python.packages import get_package_share_directory
 from launch import Action, LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, ExecuteProcess, IncludeLaunchDescription, Shutdown
+from launch.conditions import IfCondition
 from launch.events.process import ProcessExited
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
@@ -13,7 +14,10 @@ from launch_ros.parameter_descriptions import ParameterValue
 SHARE = Path(get_package_share_directory("rled_bringup"))
 ARGUMENTS = (
     DeclareLaunchArgument("output", default_value="out/demo", description="folder of the bag and of what is learned"),
-    DeclareLaunchArgument("robot", default_value="panda", description="panda or planar"),
+    DeclareLaunchArgument("robot", default_value="panda", description="a robot that sim_node has; --help lists them"),
+    DeclareLaunchArgument(
+        "frames", default_value="true", choices=["true", "false"], description="frames of the links, for RViz"
+    ),
     DeclareLaunchArgument("trajectories", default_value="50", description="targets that the operator reaches"),
     DeclareLaunchArgument("config", default_value=str(SHARE / "config" / "demo.yaml"), description="parameters"),
 )
@@ -60,6 +64,7 @@ def after_training(event: ProcessExited, _: LaunchContext) -> Action:
         launch_arguments={
             "expert": weights,
             "robot": LaunchConfiguration("robot"),
+            "frames": "false",  # they are there
             "bag": BAG,
             "config": str(SHARE / "config" / "drive.yaml"),
         }.items(),
@@ -68,4 +73,7 @@ def after_training(event: ProcessExited, _: LaunchContext) -> Action:
 
 def generate_launch_description() -> LaunchDescription:
     """What `ros2 launch rled_bringup demo.launch.py` starts."""
-    return LaunchDescription([*ARGUMENTS, record()])
+    links = IncludeLaunchDescription(
+        str(SHARE / "launch" / "robot_state.launch.py"), condition=IfCondition(LaunchConfiguration("frames"))
+    )
+    return LaunchDescription([*ARGUMENTS, links, record()])

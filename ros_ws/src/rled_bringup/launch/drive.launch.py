@@ -4,17 +4,25 @@ from pathlib import Path
 
 from ament_index_python.packages import get_package_share_directory
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, Shutdown
+from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription, Shutdown
+from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
-CONFIG = str(Path(get_package_share_directory("rled_bringup"), "config", "drive.yaml"))
+SHARE = Path(get_package_share_directory("rled_bringup"))
 ARGUMENTS = (
-    DeclareLaunchArgument("expert", default_value="out/expert/expert.safetensors", description="weights to drive with"),
-    DeclareLaunchArgument("robot", default_value="panda", description="panda or planar"),
+    DeclareLaunchArgument(
+        "expert", default_value="out/expert/expert.safetensors", description="weights, or their folder"
+    ),
+    DeclareLaunchArgument("robot", default_value="panda", description="a robot that sim_node has; --help lists them"),
+    DeclareLaunchArgument(
+        "frames", default_value="true", choices=["true", "false"], description="frames of the links, for RViz"
+    ),
     DeclareLaunchArgument("bag", default_value="", description="start at a point marked in this bag; empty: at home"),
-    DeclareLaunchArgument("config", default_value=CONFIG, description="parameters of the nodes"),
+    DeclareLaunchArgument(
+        "config", default_value=str(SHARE / "config" / "drive.yaml"), description="parameters of the nodes"
+    ),
 )
 
 
@@ -40,4 +48,7 @@ def generate_launch_description() -> LaunchDescription:
         output="screen",
         on_exit=Shutdown(reason="the agent has ended"),
     )
-    return LaunchDescription([*ARGUMENTS, sim, agent])
+    links = IncludeLaunchDescription(
+        str(SHARE / "launch" / "robot_state.launch.py"), condition=IfCondition(LaunchConfiguration("frames"))
+    )
+    return LaunchDescription([*ARGUMENTS, links, sim, agent])

@@ -7,27 +7,37 @@ from pathlib import Path
 
 from ament_index_python.packages import get_package_share_directory
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, Shutdown
+from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription, Shutdown
 from launch.conditions import IfCondition
 from launch.substitutions import EqualsSubstitution, LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
-CONFIG = str(Path(get_package_share_directory("rled_bringup"), "config", "teleop.yaml"))
+SHARE = Path(get_package_share_directory("rled_bringup"))
 ARGUMENTS = (
-    DeclareLaunchArgument("operator", default_value="gamepad", description="gamepad, kinesthetic or none"),
+    DeclareLaunchArgument(
+        "operator", default_value="gamepad", choices=["gamepad", "kinesthetic", "none"], description="who drives"
+    ),
     DeclareLaunchArgument("bag", default_value="out/by_hand", description="folder of the bag to write"),
-    DeclareLaunchArgument("robot", default_value="panda", description="panda or planar"),
+    DeclareLaunchArgument(
+        "overwrite", default_value="false", choices=["true", "false"], description="replace the bag if there is one"
+    ),
+    DeclareLaunchArgument("robot", default_value="panda", description="a robot that sim_node has; --help lists them"),
+    DeclareLaunchArgument(
+        "frames", default_value="true", choices=["true", "false"], description="frames of the links, for RViz"
+    ),
     DeclareLaunchArgument("person", default_value="", description="who demonstrates, said with each episode"),
     DeclareLaunchArgument("device", default_value="", description="gamepad: auto or a path; empty: the topic joy"),
     DeclareLaunchArgument("mapping", default_value="", description="kinesthetic: from the device's joints, YAML"),
-    DeclareLaunchArgument("config", default_value=CONFIG, description="parameters of the nodes"),
+    DeclareLaunchArgument(
+        "config", default_value=str(SHARE / "config" / "teleop.yaml"), description="parameters of the nodes"
+    ),
 )
 
 
-def given(name: str) -> ParameterValue:
-    """A launch argument as the value of a text parameter."""
-    return ParameterValue(LaunchConfiguration(name), value_type=str)
+def given(name: str, value_type: type = str) -> ParameterValue:
+    """A launch argument as the value of a parameter."""
+    return ParameterValue(LaunchConfiguration(name), value_type=value_type)
 
 
 def chosen(operator: str) -> IfCondition:
@@ -48,7 +58,10 @@ def generate_launch_description() -> LaunchDescription:
     recorder = Node(
         package="rled_teleop",
         executable="record_demos",
-        parameters=[config, {"output": given("bag"), "operator_name": given("person")}],
+        parameters=[
+            config,
+            {"output": given("bag"), "overwrite": given("overwrite", bool), "operator_name": given("person")},
+        ],
         output="screen",
         on_exit=Shutdown(reason="the recorder has ended"),
     )
@@ -68,4 +81,7 @@ def generate_launch_description() -> LaunchDescription:
         condition=chosen("kinesthetic"),
         on_exit=Shutdown(reason="the operator has ended"),
     )
-    return LaunchDescription([*ARGUMENTS, sim, recorder, gamepad, other_arm])
+    links = IncludeLaunchDescription(
+        str(SHARE / "launch" / "robot_state.launch.py"), condition=IfCondition(LaunchConfiguration("frames"))
+    )
+    return LaunchDescription([*ARGUMENTS, links, sim, recorder, gamepad, other_arm])

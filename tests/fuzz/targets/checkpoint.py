@@ -1,0 +1,25 @@
+"""A run's checkpoint, from which training goes on."""
+
+from functools import lru_cache
+from pathlib import Path
+
+from rled_agent.run_directory import RunDirectory
+
+from .. import agent
+from ..mutators.tensors import mutate as mutate
+
+
+@lru_cache
+def seeds() -> list[bytes]:
+    with agent.folder() as folder:
+        run = RunDirectory(folder)
+        run.save(agent.trainer().checkpoint())
+        return [run.checkpoint_path.read_bytes()]
+
+
+def read(data: bytes, folder: Path) -> None:
+    run, trainer = RunDirectory(folder), agent.trainer()
+    run.checkpoint_path.write_bytes(data)
+    trainer.restore(run.load())
+    trainer.advance()
+    run.save(trainer.checkpoint())

@@ -1,0 +1,108 @@
+"""The word that opens the page: where it may come from, and who gets to see it."""
+
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rled_msgs_py.errors import RledError
+from rled_teleop.web.serving import address, without_token
+from rled_teleop.web.token import given_token
+from rled_teleop.web_params import WebParams
+
+from .processes import one_with, words
+from .test_gate import get
+
+WORD = "correct horse battery"
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    path = tmp_path / "the token"
+    path.write_text(f"{WORD}\n")
+    path.chmod(0o600)
+    return path
+
+
+def test_token_comes_from_option_file_or_environment(file: Path) -> None:
+    assert given_token(WebParams(), {}).word == ""
+    assert given_token(WebParams(token=WORD), {"RLED_TOKEN": "another"}).word == WORD
+    assert given_token(WebParams(token_file=str(file)), {}).word == WORD
+    assert given_token(WebParams(), {"RLED_TOKEN": WORD}).word == WORD
+
+
+def test_token_is_taken_out_of_the_environment_that_children_inherit() -> None:
+    environment = {"RLED_TOKEN": WORD, "HOME": "/"}
+    given_token(WebParams(), environment)
+    assert environment == {"HOME": "/"}
+
+
+def test_only_what_everybody_sees_is_printed(file: Path) -> None:
+    printed = address(WebParams(token=WORD), given_token(WebParams(token=WORD), {}))
+    assert printed == "http://127.0.0.1:8080/?token=correct%20horse%20battery"
+    for params, environment in ((WebParams(token_file=str(file)), {}), (WebParams(), {"RLED_TOKEN": WORD})):
+        printed = address(params, given_token(params, environment))
+        assert printed.startswith("http://127.0.0.1:8080/?token=WORD (WORD: ")
+        assert WORD not in printed
+    assert address(WebParams(), given_token(WebParams(), {})) == "http://127.0.0.1:8080/"
+
+
+def test_a_file_that_all_users_can_read_is_warned_of(file: Path) -> None:
+    assert given_token(WebParams(token_file=str(file)), {}).warning == ""
+    file.chmod(0o644)
+    warning = given_token(WebParams(token_file=str(file)), {}).warning
+    subprocess.run(warning.rpartition(": ")[2], shell=True, check=True)
+    assert given_token(WebParams(token_file=str(file)), {}).warning == ""
+
+
+@pytest.mark.parametrize(
+    "content",
+    [None, b"", b" \n", b"two\nlines of words", b"\xff" * 20, b"a" * 5000, b"tab\there and there", b"nul\0 and more"],
+    ids=["missing", "empty", "blank", "lines", "not utf-8", "too long", "tab", "nul"],
+)
+def test_a_file_without_a_word_is_refused(tmp_path: Path, content: bytes | None) -> None:
+    path = tmp_path / "token"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(RledError):
+        given_token(WebParams(token_file=str(path)), {})
+
+
+def test_the_remedy_makes_a_file_that_is_accepted(tmp_path: Path) -> None:
+    path = tmp_path / "no folder" / "a robot's token"
+    with pytest.raises(RledError) as refused:
+        given_token(WebParams(token_file=str(path)), {})
+    subprocess.run(str(refused.value).rpartition("; ")[2], shell=True, check=True)
+    made = given_token(WebParams(token_file=str(path)), {})
+    assert (len(made.word), made.warning) == (32, "")
+
+
+def test_a_folder_and_two_places_are_refused(tmp_path: Path, file: Path) -> None:
+    for params in (WebParams(token_file=str(tmp_path)), WebParams(token=WORD, token_file=str(file))):
+        with pytest.raises(RledError):
+            given_token(params, {})
+
+
+@pytest.mark.parametrize(
+    ("given", "left"),
+    [
+        (["-p", "token:=secret", "-r", "__ns:=/left"], ["-r", "__ns:=/left"]),
+        (["--param", "teleop_web:token:=secret"], []),
+        (["-r", "token:=other"], ["-r", "token:=other"]),
+        (["-p", "use_sim_time:=true"], ["-p", "use_sim_time:=true"]),
+    ],
+)
+def test_children_are_not_given_the_token(given: list[str], left: list[str]) -> None:
+    assert without_token(given) == left
+
+
+def test_no_process_shows_the_token_of_a_file(ros_domain: int, file: Path, serve: Callable[..., Any]) -> None:
+    with serve("--robot", "planar", "--token-file", str(file)) as page:
+        assert get(page).status == 403
+        assert get(page, "/?token=correct+horse+battery").status == 303
+        started = {name: one_with(f"/{name}") for name in ("sim_node", "web_operator")}
+        for process in (*started.values(), one_with("teleop_web")):
+            assert not any("horse" in word for word in words(process))
+        for process in started.values():
+            assert not any("horse" in word for word in words(process, "environ"))
