@@ -161,7 +161,7 @@ def zeros():
 
 
 LIMITED = """
-import resource, sys
+import sys
 from pathlib import Path
 from rled_msgs_py.bags import Bag, BagError, repair
 for call in (lambda path: [*Bag(path).messages()], repair):
@@ -169,7 +169,7 @@ for call in (lambda path: [*Bag(path).messages()], repair):
         call(Path(sys.argv[1]))
     except BagError as error:
         print(error)
-print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+print(Path("/proc/self/status").read_text().partition("VmHWM:")[2].split()[0])  # ru_maxrss has the parent's
 """
 
 
