@@ -17,8 +17,6 @@ from rled_agent.nn.perceptron import Perceptron
 from rled_agent.replay import Batch
 
 Expert = Callable[[NDArray[np.float32]], NDArray[np.float32]]
-TINY = 1e-12
-"""Keeps a value of 0 from being divided by."""
 
 
 @dataclass(frozen=True)
@@ -150,7 +148,8 @@ class Learner:
         q: Tensor = self._first_critic(torch.cat((batch.observation, action), dim=1))[0]  # (b, 1)
         if not weight:
             return -q.mean()
-        loss = -q.mean() / (q.detach().abs().mean() + TINY)
+        size = q.detach().abs().mean()
+        loss = -q.mean() / torch.where(size > 0.0, size, 1.0)
         if batch.demonstrated:
             loss = loss + weight * self._cloning_loss(batch, action, q)
         return loss
