@@ -98,7 +98,7 @@ def rescued(data: mmap, lost: list[str]) -> Iterator[Rescued]:
     definitions = summary.definitions
     for opcode, block, start, stop in _records(data, summary, lost):
         try:
-            definitions.take(opcode, block, start, stop)
+            definitions.take(opcode, block, start, stop, prevails=block is not data)
             if opcode == Opcode.MESSAGE and stop - start >= MESSAGE_HEAD.size:
                 channel, number, log_time, publish_time = MESSAGE_HEAD.unpack_from(block, start)
                 if channel not in definitions.channels:
