@@ -17,6 +17,7 @@ from rled_msgs_py.bags.mcap_records import MAGIC, walk
 from rled_msgs_py.bags.rescue import rescued
 
 from .made_bags import READERS, draw_bag, files_of, others, read, spoil
+from .samples import write_bag
 
 COUNT = int(os.environ.get("RLED_BAGS", "40"))
 """Bags of each property; ``make repairs`` draws 500."""
@@ -125,6 +126,24 @@ STEPS = {
     "keeping": (MODULE, "_keep"),
     "replacing": (Path, "replace"),
 }
+
+
+@pytest.mark.parametrize("change", [2**40, 7, 1, -1, -10])
+def test_a_wrong_length_of_an_index_costs_no_message_of_a_file_without_a_summary(tmp_path: Path, change: int) -> None:
+    (file,) = files_of(write_bag(tmp_path / "bag", ticks=20))
+    data, ends = bytearray(file.read_bytes()), {Opcode.DATA_END, Opcode.FOOTER}
+    records = list(walk(bytes(data), len(MAGIC), len(data)))
+    whole = read(file.parent)
+    cut = next(start - 9 for opcode, start, _ in records if opcode in ends)
+    for opcode, start, stop in [each for each in records if each[0] == Opcode.MESSAGE_INDEX][::5]:
+        changed = data[:cut]
+        changed[start - 8 : start] = max(stop - start + change, 0).to_bytes(8, "little")
+        file.write_bytes(changed)
+        (file.parent / "metadata.yaml").unlink(missing_ok=True)
+        done = repair(file.parent)
+        assert opcode == Opcode.MESSAGE_INDEX
+        assert (done.messages, bool(done.lost), len(done.kept)) == (whole.total(), True, 1)
+        done.kept[0].unlink()
 
 
 @pytest.mark.parametrize("step", STEPS.values(), ids=STEPS.keys())

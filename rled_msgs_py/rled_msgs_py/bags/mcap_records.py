@@ -69,8 +69,15 @@ class Definitions:
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, Channel] = {}
 
-    def take(self, opcode: int, data: mmap | bytes, start: int, stop: int) -> None:
+    def take(self, opcode: int, data: mmap | bytes, start: int, stop: int, *, prevails: bool = False) -> None:
         """Take up a record if it is a schema or a channel.
+
+        Args:
+            opcode: of the record.
+            data: where it is.
+            start: begin of its content.
+            stop: end of its content.
+            prevails: where its number has another meaning already, it has this one from now on.
 
         Raises:
             Damage: it cannot be read, or its number has another meaning already.
@@ -80,6 +87,7 @@ class Definitions:
         kind, known = (Schema, self.schemas) if opcode == Opcode.SCHEMA else (Channel, self.channels)
         record = parse(kind, data, start, stop)
         if known.setdefault(record.id, record) != record:
+            known[record.id] = record if prevails else known[record.id]
             raise Damage(f"{kind.__name__.lower()} {record.id} is defined twice, differently")
 
     def topic(self, channel: int) -> BagTopic:

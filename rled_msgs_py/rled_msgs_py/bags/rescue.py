@@ -15,6 +15,7 @@ from mcap.records import ChunkIndex, Footer, Statistics
 from rled_msgs_py.bags.error import BagError, Damage, Oversized
 from rled_msgs_py.bags.mcap_chunks import chunk_at, unpack
 from rled_msgs_py.bags.mcap_file import map_file
+from rled_msgs_py.bags.mcap_framing import ENDS, framed
 from rled_msgs_py.bags.mcap_journal import journals_of
 from rled_msgs_py.bags.mcap_records import HEAD, MAGIC, MESSAGE_HEAD, Definitions, parse, walk
 from rled_msgs_py.bags.mcap_summary import CRC, FOOTER
@@ -97,7 +98,7 @@ def rescued(data: mmap, lost: list[str]) -> Iterator[Rescued]:
     definitions = summary.definitions
     for opcode, block, start, stop in _records(data, summary, lost):
         try:
-            definitions.take(opcode, block, start, stop)
+            definitions.take(opcode, block, start, stop, prevails=block is not data)
             if opcode == Opcode.MESSAGE and stop - start >= MESSAGE_HEAD.size:
                 channel, number, log_time, publish_time = MESSAGE_HEAD.unpack_from(block, start)
                 if channel not in definitions.channels:
@@ -134,9 +135,7 @@ def _records(data: mmap, summary: Summary, lost: list[str]) -> Iterator[tuple[in
 def _top_records(data: mmap, summary: Summary) -> Iterator[tuple[int, int, int]]:
     """The records outside chunks, and the chunks; where a wrong length leads astray, those that the summary knows."""
     known = deque(each for each in summary.chunks if _is_chunk(data, *each))
-    for opcode, start, stop in walk(data, len(MAGIC), len(data)):
-        if opcode in (Opcode.DATA_END, Opcode.FOOTER):
-            break
+    for opcode, start, stop in framed(data):
         while known and known[0][0] < start - HEAD.size:
             yield _span(*known.popleft())
         if known and known[0][0] == start - HEAD.size:
@@ -170,13 +169,15 @@ def journaled(file: Path, lost: list[str]) -> dict[int, Rescued]:
 
 
 def torn(data: mmap) -> list[str]:
-    """What to say of a file whose data break off within a record."""
-    end = len(MAGIC)
-    for opcode, _, stop in walk(data, len(MAGIC), len(data)):
-        if opcode in (Opcode.DATA_END, Opcode.FOOTER):
-            return []
+    """What to say of a file whose data break off within a record, or in which a length is wrong."""
+    end, said = len(MAGIC), list[str]()
+    for _, start, stop in framed(data):
+        if start - HEAD.size != end:
+            said.append(f"what lies before byte {start - HEAD.size}, where a record has a wrong length")
         end = stop
-    return [f"the last {len(data) - end} bytes, in which a record breaks off"] if end < len(data) else []
+    if end < len(data) and data[end] not in ENDS:
+        said.append(f"the last {len(data) - end} bytes, in which a record breaks off")
+    return said
 
 
 def in_order(received: Iterable[Rescued], last: int) -> Iterator[Rescued]:

@@ -1,5 +1,6 @@
 """What a driver's page wishes, six numbers and a kind: the displacement stays finite and within Δq_max."""
 
+import os
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
@@ -45,6 +46,7 @@ def read(data: bytes, _: Path) -> None:
     kind, *numbers, until = unpack("<B5d", data[:41].ljust(41, b"\0"))
     *point, share = np.clip(np.nan_to_num(numbers), (-FAR, -FAR, -FAR, 0.0), (FAR, FAR, FAR, 1.0)).tolist()
     slot = OrderSlot()
+    os.close(slot.file)  # the memory stays as long as the slot
     for robot, jog in zip(ROBOTS.values(), jogs(), strict=True):
         joint = kind // KINDS % jog.task.action_size
         wish = (None, Follow(tuple(point)), Move(tuple(point)), Turn(joint, point[0]))[kind % KINDS]
