@@ -55,7 +55,7 @@ def require_range() -> None:
         RledError: it is not.
     """
     given = os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "")
-    if given and given.upper() not in RANGES:
+    if given and given not in RANGES:
         raise RledError(f"ROS_AUTOMATIC_DISCOVERY_RANGE is '{given}'", ", ".join(RANGES), "set one of these")
 
 

@@ -19,8 +19,9 @@ def shortened(text: str, limit: int = MAX_LENGTH) -> str:
 
 
 def one_line(text: str) -> str:
-    """The text without its line ends; spaces stay, a path in a command may have several."""
-    return " ".join(filter(None, map(str.strip, text.splitlines())))
+    """The text without its line ends and with other control characters as escapes; a path may have several spaces."""
+    line = " ".join(filter(None, map(str.strip, text.splitlines())))
+    return "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in line)
 
 
 class RledError(Exception):

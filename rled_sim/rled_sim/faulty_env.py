@@ -62,6 +62,8 @@ class FaultyReach(gymnasium.Wrapper[Floats, Floats, Floats, Floats]):
 
 def make_reach(*, faults: Faults = NO_FAULTS, **options: Any) -> gymnasium.Env[Floats, Floats]:
     """``ReachEnv``, behind a faulty line if there are faults."""
+    if not isinstance(faults, Faults):
+        raise RledError(f"faults {faults!r}", "rled_sim.faults.Faults(...)")
     env = ReachEnv(**options)
     try:
         return FaultyReach(env, faults) if faults.any else env

@@ -8,7 +8,7 @@ import tempfile
 import weakref
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,6 +74,8 @@ class World:
             RledError: no window can be opened.
         """
         self.home = list(robot.home)
+        if transition not in get_args(Transition):
+            raise RledError(f"transition '{transition}'", ", ".join(get_args(Transition)))
         self.robot, self._period, self._kinematic = robot, period, transition == "kinematic"
         self._lower, self._upper, self._gui = robot.lower, robot.upper, gui
         self._open()

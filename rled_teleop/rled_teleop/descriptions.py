@@ -36,7 +36,8 @@ class Descriptions:
         except ContractError as error:
             change = str(error)
         if change:
-            self.warning = f"another {topic.name} came while recording ({change}); the bag is divided there at its end"
+            what = f"another {topic.name} came while recording ({change})"
+            self.warning = f"{what}; the bag is divided there at its end if the simulation begins anew with it"
         return not change
 
     def _change_of_task(self, text: str) -> str:

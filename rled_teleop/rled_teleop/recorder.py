@@ -136,7 +136,7 @@ class Recorder(Node):
         if topic == TASK_STATUS:
             self._episodes.observe(count_of(REACHED, data))
         if topic in DESCRIPTIONS and not self.descriptions.take(topic, data):
-            self.get_logger().warning(self.descriptions.warning)
+            self.get_logger().warning(self.descriptions.warning, throttle_duration_sec=1.0)
             self._report()
         if topic in DESCRIPTIONS or self._belongs(topic, stamp):
             self._filing.take(topic, data)

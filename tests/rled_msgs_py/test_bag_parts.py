@@ -92,6 +92,18 @@ def test_three_descriptions_are_three_parts(tmp_path):
     ]
 
 
+@pytest.mark.parametrize("late", [100, 300, 499])
+def test_a_description_that_comes_late_is_that_of_its_own_simulation(tmp_path, late):
+    begun = [*descriptions(), *entries(0, 40), *told(OTHER), *entries(0, 30)]
+    found = [*begun, *entries(0, late), *told(TASK), *entries(late, 600)]
+    path = write(tmp_path / "bag", found)
+    assert [(Bag(path, part).task, len(steps(Bag(path, part)))) for part in (1, 2, 3)] == [
+        (TASK, 40),
+        (OTHER, 30),
+        (TASK, 600),
+    ]
+
+
 @pytest.mark.parametrize("place", [0, 30, 79])
 @pytest.mark.parametrize("stray", [OTHER, "{}", "[" * 100, replace(TASK, robot="other", joint_names=("a", "b"))])
 def test_a_stray_description_is_passed_over(tmp_path, place, stray, caplog):

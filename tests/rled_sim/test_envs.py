@@ -169,6 +169,8 @@ def test_picture_is_rendered(make):
     [
         ({"robot": "ur5"}, "unknown robot 'ur5'; accepted: panda, planar"),
         ({"render_mode": "ascii"}, "render_mode 'ascii'"),
+        ({"transition": "motor"}, "transition 'motor'; accepted: kinematic, motors"),
+        ({"faults": {"control_delay": 1}}, "faults {'control_delay': 1}; accepted: rled_sim.faults.Faults"),
         ({"reward": "shaped"}, "reward 'shaped'"),
     ],
 )

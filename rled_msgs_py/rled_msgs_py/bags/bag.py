@@ -23,7 +23,7 @@ from rled_msgs_py.errors import ContractError
 from rled_msgs_py.records import Record, Text
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import STATE_TOPICS, StateRecord, Tick, TickAssembler
-from rled_msgs_py.topics import CLOCK_TOPIC, DIAGNOSTICS, ROBOT_DESCRIPTION, TASK_DESCRIPTION, Topic
+from rled_msgs_py.topics import CLOCK_TOPIC, DIAGNOSTICS, RECORDED, ROBOT_DESCRIPTION, TASK_DESCRIPTION, Topic
 
 OUTSIDE = (DIAGNOSTICS.name, CLOCK_TOPIC.name)
 """Topics of the contract that lie in no namespace."""
@@ -56,6 +56,7 @@ class Bag:
         self.path, self.parts, self.note = Path(path), 1, ""
         self._files, self.metadata = open_files(self.path)
         self._namespace = self._find_namespace()
+        self._foreign = self._find_foreign()
         self.counts = self._count()
         changed = [topic.name for topic in DESCRIPTIONS if self.counts[topic.name] > 1 and self._changes(topic)]
         if changed:
@@ -112,11 +113,11 @@ class Bag:
             BagError: the bag is damaged.
         """
         names = {self._absolute(topic) for topic in topics}
-        return stream(self._files, lambda topic: not topics or topic.name in names)
+        return stream(self._files, lambda topic: not topics or (topic.name in names and topic not in self._foreign))
 
     def name_of(self, message: Message) -> str:
         """Name of a message's topic relative to the namespace, as in ``topics``."""
-        return self._relative(message.topic.name)
+        return self._name(message.topic)
 
     def ticks(self) -> Iterator[Tick]:
         """The states of the simulation, each as one; a stamp at which a topic or a joint's position is missing is not.
@@ -173,7 +174,8 @@ class Bag:
     def _runs_of_files(self, topics: Collection[Topic]) -> Iterator[tuple[Storage, Messages]]:
         by_name = {self._absolute(topic): topic for topic in topics}
         for file in self._files:
-            channels = {channel: found for channel, found in file.topics.items() if found.name in by_name}
+            named = {channel: found for channel, found in file.topics.items() if found.name in by_name}
+            channels = {channel: found for channel, found in named.items() if found not in self._foreign}
             for found in channels.values():
                 self._require_type(found, by_name[found.name])
             for run in file.messages(channels):
@@ -183,7 +185,7 @@ class Bag:
         counts = Counter[str]()
         for file in self._files:
             for channel, topic in file.topics.items():
-                counts[self._relative(topic.name)] += file.counts.get(channel, 0)
+                counts[self._name(topic)] += file.counts.get(channel, 0)
         return counts
 
     def _changes(self, topic: Topic) -> bool:
@@ -191,14 +193,10 @@ class Bag:
 
     def _choose(self, number: int, changed: str) -> None:
         """Read one part from now on."""
-
-        def name_of(topic: BagTopic) -> str:
-            return self._relative(topic.name)
-
-        if not (parts := divided(self._files, name_of)):
+        if not (parts := divided(self._files, self._name)):
             return
         self.parts, part = len(parts), parts[min(number, len(parts)) - 1]
-        self._files = [FilePart(file, place, part, name_of) for place, file in enumerate(self._files)]
+        self._files = [FilePart(file, place, part, self._name) for place, file in enumerate(self._files)]
         self.counts = self._count()
         self.note = f"{self.path}: a message on {changed} that does not belong to the recording is passed over"
         if self.parts > 1:
@@ -223,8 +221,17 @@ class Bag:
     def _absolute(self, topic: Topic) -> str:
         return topic.name if topic.name.startswith("/") else self._namespace + topic.name
 
-    def _relative(self, name: str) -> str:
-        return name if name in OUTSIDE else name.removeprefix(self._namespace)
+    def _name(self, topic: BagTopic) -> str:
+        """Relative name; of a channel of others that has the name of one of ours, with what it is."""
+        name = topic.name if topic.name in OUTSIDE else topic.name.removeprefix(self._namespace)
+        return f"{name} ({topic.type or topic.encoding})" if topic in self._foreign else name
+
+    def _find_foreign(self) -> set[BagTopic]:
+        """Channels of another type or encoding beside one of the same name that is ours: they are passed over."""
+        wanted = {self._absolute(topic): ("cdr", topic.type) for topic in RECORDED}
+        named = {topic for file in self._files for topic in file.topics.values() if topic.name in wanted}
+        ours = {topic.name for topic in named if (topic.encoding, topic.type) == wanted[topic.name]}
+        return {topic for topic in named if topic.name in ours and (topic.encoding, topic.type) != wanted[topic.name]}
 
     def _require_type(self, found: BagTopic, wanted: Topic) -> None:
         if found.encoding != "cdr" or found.type != wanted.type:

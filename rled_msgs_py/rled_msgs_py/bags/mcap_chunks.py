@@ -24,6 +24,7 @@ SMALL_CHUNK, SMALL_FILE = 16 << 20, 64 << 20
 CHUNK_RATIO, FILE_RATIO = 100, 500
 """How many times as large they may become beyond that; states and images of a camera become 2 to 50 times as large."""
 ZSTD = "zstd"
+COMPRESSIONS = (b"", b"lz4", ZSTD.encode())
 ZSTD_OVERHEAD = HEAD.size + CHUNK_HEAD.size + len(ZSTD) + LENGTH.size
 """Bytes of a chunk's record beside its packed content."""
 _THREAD = threading.local()
@@ -65,6 +66,18 @@ def chunk_at(data: mmap | bytes, start: int, stop: int) -> Chunk:
     return Chunk(data[name : name + length].decode(errors="replace"), size, crc, packed, stop, {})
 
 
+def chunk_end(data: mmap | bytes, start: int) -> int | None:
+    """Where a chunk ends whose record's content begins at ``start``, by its own lengths; None where there is none."""
+    name = start + CHUNK_HEAD.size
+    if name > len(data):
+        return None
+    packed = name + int(CHUNK_HEAD.unpack_from(data, start)[4]) + LENGTH.size
+    if packed > len(data) or data[name : packed - LENGTH.size] not in COMPRESSIONS:
+        return None
+    end = packed + int(LENGTH.unpack_from(data, packed - LENGTH.size)[0])
+    return end if end <= len(data) else None
+
+
 def chunk_record(records: bytes | bytearray, first: int, last: int, packer: zstandard.ZstdCompressor | None) -> bytes:
     """A chunk as a record.
 
@@ -72,9 +85,11 @@ def chunk_record(records: bytes | bytearray, first: int, last: int, packer: zsta
         records: its content.
         first: least log time in it (ns).
         last: greatest log time in it (ns).
-        packer: None leaves the content as it is.
+        packer: None leaves the content as it is, and so does one that makes it smaller than ``CHUNK_RATIO`` tells.
     """
     name, content = (ZSTD.encode(), packer.compress(records)) if packer else (b"", records)
+    if len(records) > CHUNK_RATIO * len(content):  # no reader that bounds what it unpacks would take it
+        name, content = b"", records
     head = CHUNK_HEAD.pack(first, last, len(records), crc32(records), len(name)) + name + LENGTH.pack(len(content))
     return b"".join((HEAD.pack(Opcode.CHUNK, len(head) + len(content)), head, content))
 

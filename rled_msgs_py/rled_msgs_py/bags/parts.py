@@ -220,7 +220,8 @@ def _in_force(seen: _Seen, name: str, joints: list[tuple[str, ...]]) -> list[_To
         run = bisect_right(seen.starts, position) - 1
         ends = seen.starts[run], position, [*seen.starts, len(seen.order)][run + 1]
         first, here, stop = (bisect_left(seen.states, each) for each in ends)
-        if here - first <= EARLY and own[run] is None and _fits(name, text, joints[run]):
+        is_own = here - first <= EARLY or stop - here > LATE  # each simulation describes itself, if late
+        if is_own and own[run] is None and _fits(name, text, joints[run]):
             own[run] = _Told(text, position)
         elif stop - here <= LATE and run + 1 < len(own) and _fits(name, text, joints[run + 1]):
             own[run + 1] = _Told(text, position)
