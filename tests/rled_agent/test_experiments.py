@@ -326,7 +326,7 @@ def test_runs_that_are_kept_are_made_again_only_when_asked_for(tmp_path, monkeyp
     assert shown("--anew", "--only", "a/seed-1") == ["upon/a/seed-1", "base/plain/seed-1"]
     made = Path("out/reproduce/base/plain/seed-0/run.json")
     made.parent.mkdir(parents=True)
-    made.write_text(json.dumps({"command": library.read("base").runs()[0].command}))
+    made.write_text(json.dumps({"command": library.read("base").runs()[0].command, "seconds": 1.0, "processor": "one"}))
     assert shown("upon", "--anew") == [*uppers, "base/plain/seed-1"]
 
 

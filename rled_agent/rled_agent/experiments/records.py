@@ -81,4 +81,7 @@ def _number_or_nan(value: Any) -> float:
 
 
 def _course(values: Any) -> Course:
-    return Course(*([*map(_number, each)] for each in values))
+    course = Course(*([*map(_number, each)] for each in values))
+    if len(course.change) != max(len(course.distance) - 2, 0):
+        raise ValueError(f"{len(course.change)} changes along {len(course.distance)} distances")
+    return course
