@@ -128,7 +128,7 @@ class Archive:
             kept = [_run(experiment, read_json(line, f"line {number}")) for number, line in enumerate(lines, 1)]
         except FileNotFoundError:
             return {}
-        except (OSError, RledError, LookupError, TypeError, ValueError, AttributeError) as error:
+        except (OSError, RledError, LookupError, TypeError, ValueError, ArithmeticError, AttributeError) as error:
             raise RledError(f"{path} holds something else than runs ({error})", "what reproduce writes") from None
         return {each.name: each for each in kept}
 

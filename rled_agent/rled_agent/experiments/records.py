@@ -43,7 +43,7 @@ def read_episodes(run: KeptRun) -> dict[str, dict[str, float]]:
 
 def read_courses(run: KeptRun, band: str) -> dict[str, list[Course]]:
     """Motions that ``evaluate_agent`` kept of a band, by policy."""
-    return _read(run, "motions", lambda bands: _each(bands[band], lambda group: [*map(_course, group)]))
+    return _read(run, "motions", lambda bands: _each(bands[band], _courses))
 
 
 def _read(run: KeptRun, document: str, take: Callable[[Any], T]) -> T:
@@ -54,7 +54,7 @@ def _read(run: KeptRun, document: str, take: Callable[[Any], T]) -> T:
     """
     try:
         return take(run.documents[document])
-    except (LookupError, TypeError, ValueError, AttributeError) as error:
+    except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError) as error:
         why = f"no {error}" if isinstance(error, LookupError) else str(error)[:200]
         what = f"the {document} of {run.name} is not as it was written ({why})"
         raise RledError(what, "figures of a run", "make it again") from None
@@ -73,11 +73,17 @@ def _figures(names: tuple[str, ...], take: Callable[[Any], T], values: dict[str,
 def _number(value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise ValueError(f"{str(value)[:40]} for a number")
-    return value
+    return float(value)
 
 
 def _number_or_nan(value: Any) -> float:
     return math.nan if value is None else _number(value)
+
+
+def _courses(group: Any) -> list[Course]:
+    if not group:
+        raise ValueError("no motions")
+    return [*map(_course, group)]
 
 
 def _course(values: Any) -> Course:
