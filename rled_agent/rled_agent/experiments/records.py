@@ -38,7 +38,8 @@ def read_bands(run: KeptRun) -> dict[str, dict[str, dict[str, float]]]:
 
 def read_episodes(run: KeptRun) -> dict[str, dict[str, float]]:
     """What ``evaluate_agent`` found in whole episodes: policy, figure."""
-    return _read(run, "episodes", lambda all_: _each(all_, partial(_figures, EpisodeResult._fields, _number)))
+    score = partial(_figures, EpisodeResult._fields, _number)
+    return _read(run, "episodes", lambda policies: {name: score(policies[name]) for name in ("expert", "agent")})
 
 
 def read_courses(run: KeptRun, band: str) -> dict[str, list[Course]]:
