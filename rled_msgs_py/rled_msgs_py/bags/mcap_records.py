@@ -44,7 +44,7 @@ def walk(data: mmap | bytes, start: int, stop: int) -> Iterator[tuple[int, int, 
     while stop - start >= HEAD.size:
         opcode, length = HEAD.unpack_from(data, start)
         start += HEAD.size
-        if length > stop - start or not opcode:
+        if length > stop - start or not (opcode or length):  # zeros are what was never written
             return
         yield opcode, start, start + length
         start += length
