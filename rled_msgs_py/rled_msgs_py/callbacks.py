@@ -21,7 +21,7 @@ from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
-from rled_msgs_py.errors import RledError, Unreadable
+from rled_msgs_py.errors import RledError, Unreadable, one_line
 
 QUIET = 1.0
 """Seconds in which a callback's errors are logged once."""
@@ -75,7 +75,7 @@ def guarded(node: Node, name: str, callback: Callable[..., Any], failed: Callabl
 
 
 def _log(node: Node, name: str, error: Exception) -> None:
-    text = " ".join(str(error).split())
+    text = one_line(str(error))
     if isinstance(error, RledError):
         node.get_logger().warning(f"{name}: {text}")
         return

@@ -117,7 +117,7 @@ def _log_folder() -> Path | None:
 
 
 @contextmanager
-def one_line() -> Iterator[None]:
+def held_stderr() -> Iterator[None]:
     """Hold back what C code writes to standard error; drop it where the block fails, whose error says it all."""
     sys.stderr.flush()
     kept, held = os.dup(2), os.memfd_create("held")

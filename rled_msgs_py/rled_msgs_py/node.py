@@ -28,7 +28,7 @@ from rclpy.subscription import Subscription
 
 from rled_msgs_py.callbacks import guarded, listen, raise_ending, shield_services
 from rled_msgs_py.convert import MESSAGE_CLASSES, qos_profile
-from rled_msgs_py.environment import one_line, settle
+from rled_msgs_py.environment import held_stderr, settle
 from rled_msgs_py.errors import ContractError, RledError, command_line
 from rled_msgs_py.messages import decode
 from rled_msgs_py.middleware import return_blocks, return_messages
@@ -181,7 +181,7 @@ def start_ros(arguments: Sequence[str] = (), context: Context | None = None, dom
     settle(arguments, with_domain=domain is None)
     options = SignalHandlerOptions.NO
     try:
-        with one_line():
+        with held_stderr():
             rclpy.init(args=list(arguments), context=context, domain_id=domain, signal_handler_options=options)
     except Exception as error:  # rclpy raises several unrelated types here
         raise _not_started(error) from None

@@ -1,7 +1,6 @@
 """Reading a bag as records and as arrays."""
 
 import logging
-import shlex
 from collections import Counter
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
@@ -19,7 +18,7 @@ from rled_msgs_py.bags.parts import DESCRIPTIONS, FilePart, divided, text_in
 from rled_msgs_py.bags.storage import BagTopic, Messages, Storage
 from rled_msgs_py.bags.stream import Message, stream
 from rled_msgs_py.bags.tables import JointTable, PoseTable, joint_table, pose_table
-from rled_msgs_py.errors import ContractError
+from rled_msgs_py.errors import ContractError, command
 from rled_msgs_py.records import Record, Text
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import STATE_TOPICS, StateRecord, Tick, TickAssembler
@@ -200,7 +199,7 @@ class Bag:
         self.counts = self._count()
         self.note = f"{self.path}: a message on {changed} that does not belong to the recording is passed over"
         if self.parts > 1:
-            other = f"demos trim {shlex.quote(str(self.path))} --part {1 + (number == 1)} --output NEW"
+            other = command("demos", "trim", self.path, "--part", str(1 + (number == 1)), "--output", "NEW")
             what = f"{self.path}: {changed} changes; this is part {number} of {self.parts}"
             self.note = f"{what}, another is made a bag with: {other}"
 

@@ -27,7 +27,8 @@ from rled_msgs_py.topics import ROBOT_DESCRIPTION, TASK_DESCRIPTION, TASK_STATUS
 NameOf = Callable[[BagTopic], str]
 DESCRIPTIONS = (ROBOT_DESCRIPTION, TASK_DESCRIPTION)
 EARLY, LATE = 400, 50
-"""State messages after the first of a run, and before its last, among which its description, or the next one, comes."""
+"""State messages after the first of a run among which a description is its own; before its last, the next run's, if it
+comes no earlier."""
 MOST = 2**31
 """More episodes and steps than are counted."""
 TOGETHER = 200

@@ -5,14 +5,13 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
-from shlex import quote
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from rled_msgs_py.bags import Bag
 from rled_msgs_py.bags.review import Review, review
-from rled_msgs_py.errors import RledError
+from rled_msgs_py.errors import RledError, command
 from rled_msgs_py.processes import Child, Children, program
 
 from rled_teleop.web.control import Asked
@@ -166,7 +165,7 @@ class Studio:
         if not bag.is_dir():
             self.said = "nothing was recorded"
             return
-        self.said = f"{bag} is complete; `demos check {quote(str(bag))}` looks it over"
+        self.said = f"{bag} is complete; `{command('demos', 'check', bag)}` looks it over"
         self._list()
         self._look_through(bag.name)
 

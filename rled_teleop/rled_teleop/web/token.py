@@ -8,7 +8,7 @@ from shlex import quote
 from typing import NamedTuple
 from urllib.parse import quote as percent
 
-from rled_msgs_py.errors import RledError
+from rled_msgs_py.errors import RledError, command
 from rled_msgs_py.foreign import read_text
 
 from rled_teleop.web_params import WebParams
@@ -68,11 +68,11 @@ def _read(path: Path) -> Token:
         raise RledError(f"no token in {path}: {error.strerror}", "a file with one word", remedy) from None
     if not word:
         raise RledError(f"no token in {path}: it is empty", "a file with one word", _made(path))
-    warning = f"all users can read the token in {path}; to keep it: chmod 600 {quote(str(path))}" if is_open else ""
+    warning = f"all users can read the token in {path}; to keep it: {command('chmod', '600', path)}" if is_open else ""
     return Token(word, f"in {path}", warning)
 
 
 def _made(path: Path) -> str:
     """How to make such a file."""
-    folder = "" if path.parent.is_dir() else f"mkdir -p {quote(str(path.parent))} && "
+    folder = "" if path.parent.is_dir() else f"{command('mkdir', '-p', path.parent)} && "
     return f"{folder}umask 077 && openssl rand -hex 16 > {quote(str(path))}"
