@@ -38,9 +38,20 @@ def is_warned(observer: Observer, about: str) -> Callable[[], bool]:
 
 
 def restart_of(observer: Observer) -> Callable[[], bool]:
-    """Whether the simulation has begun anew since now, and ticks again."""
+    """Whether the simulation has begun anew since now, and 30 of its ticks are there."""
     begun, newest = len(observer.ticks), observer.ticks[-1].stamp
-    return lambda: any(tick.stamp < newest for tick in observer.ticks[begun:]) and len(observer.ticks) > begun + 30
+
+    def begun_anew() -> bool:
+        since = [tick.stamp for tick in observer.ticks[begun:]]
+        first = next((index for index, stamp in enumerate(since) if stamp < newest), len(since))
+        return len(since) > first + 30
+
+    return begun_anew
+
+
+def recorded(observer: Observer) -> int:
+    """Messages that the recorder says it has kept."""
+    return int(observer.health[RECORDER].values["messages"])
 
 
 def test_a_restart_with_another_option_makes_another_bag(tmp_path: Path, ros_domain: int) -> None:
@@ -56,6 +67,8 @@ def test_a_restart_with_another_option_makes_another_bag(tmp_path: Path, ros_dom
         with simulation("--max-steps", "50"):
             observer.wait(is_warned(observer, "max_steps 0, now 50"), "a warning")
             observer.wait(again, "ticks of the new simulation")
+            before = recorded(observer)  # reports may lag: what follows is of the new simulation
+            observer.wait(lambda: recorded(observer) >= before + 5 * 30, "its ticks in the bag")
             said = ended(recorder)
     assert "another task_description came while recording (max_steps 0, now 50)" in said
     first, second = Bag(bag), Bag(tmp_path / "a bag_2")
