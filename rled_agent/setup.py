@@ -35,15 +35,15 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
-            "train_expert = rled_msgs_py.starting:rled_agent.train_expert",
-            "train_agent = rled_msgs_py.starting:rled_agent.train_agent",
-            "evaluate_agent = rled_msgs_py.starting:rled_agent.evaluate_agent",
-            "train_peer = rled_msgs_py.starting:rled_agent.train_peer",
+            "train_expert = rled_msgs_py.starting:rled_agent.cli.train_expert",
+            "train_agent = rled_msgs_py.starting:rled_agent.cli.train_agent",
+            "evaluate_agent = rled_msgs_py.starting:rled_agent.cli.evaluate_agent",
+            "train_baseline = rled_msgs_py.starting:rled_agent.cli.train_baseline",
             "reproduce = rled_msgs_py.starting:rled_agent.experiments.reproduce",
             "draw_figures = rled_msgs_py.starting:rled_agent.experiments.draw_figures",
-            "watch_episodes = rled_msgs_py.starting:rled_agent.watch_episodes",
-            "agent_node = rled_msgs_py.starting:rled_agent.agent_node",
-            "demo = rled_msgs_py.starting:rled_agent.demo",
+            "watch_episodes = rled_msgs_py.starting:rled_agent.nodes.watch_episodes",
+            "agent_node = rled_msgs_py.starting:rled_agent.nodes.agent_node",
+            "demo = rled_msgs_py.starting:rled_agent.cli.demo",
         ]
     },
 )

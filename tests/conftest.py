@@ -116,8 +116,8 @@ def planar_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def planar_expert(planar_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Weights of a small expert cloned from that demonstration: it reaches nearly every target."""
     import torch
-    from rled_agent.demonstrations import open_demonstrations
-    from rled_agent.expert import ExpertConfig, clone_expert
+    from rled_agent.data.demonstrations import open_demonstrations
+    from rled_agent.learners.cloning import ExpertConfig, clone_expert
     from rled_agent.nn.architecture import Architecture
 
     torch.set_num_threads(1)

@@ -58,8 +58,14 @@ def check_kinds(record: Any, prefix: str = "") -> None:
     Raises:
         ContractError: names the field, its value and what is accepted.
     """
-    for name, kind in get_type_hints(type(record), include_extras=True).items():
+    for name, kind in _kinds(type(record), include_extras=True).items():
         _check(getattr(record, name), kind, prefix + name)
+
+
+def _kinds(kind: type[Any], include_extras: bool = False) -> dict[str, Any]:
+    """Of the fields of a dataclass, class variables left out."""
+    hints = get_type_hints(kind, include_extras=include_extras)
+    return {each.name: hints[each.name] for each in fields(kind)}
 
 
 def _check(value: Any, kind: Any, name: str) -> None:
@@ -90,13 +96,15 @@ def from_object(kind: type[R], values: Any, what: str, optional: Mapping[str, An
     Raises:
         ContractError: no object, or fields missing or unknown; others come of the dataclass's own checks.
     """
-    kinds, given = get_type_hints(kind), dict(optional or {})
+    kinds, given = _kinds(kind), dict(optional or {})
     if not isinstance(values, dict) or set(values) | set(given) != set(kinds):
         raise ContractError(f"{what} has other fields", ", ".join(kinds))
     return kind(**given | {name: _read(kinds[name], value, name) for name, value in values.items()})
 
 
 def _read(kind: Any, value: Any, what: str) -> Any:
+    if isinstance(kind, UnionType) and isinstance(value, dict):
+        kind = next(filter(is_dataclass, get_args(kind)), kind)
     if is_dataclass(kind) and isinstance(kind, type) and isinstance(value, dict):
         return from_object(kind, value, what)
     if isinstance(value, list) and get_origin(kind) is not list:

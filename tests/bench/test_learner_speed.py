@@ -13,8 +13,8 @@ import torch
 from rled_agent.learners.td3 import Learner, LearnerConfig
 from rled_agent.nn.architecture import Architecture
 from rled_agent.nn.perceptron import Perceptron
-from rled_agent.replay import Replay
-from rled_agent.uncertainty import MonteCarlo
+from rled_agent.replay.uniform import Replay
+from rled_agent.uncertainty.monte_carlo import MonteCarlo
 from torch import nn
 
 OBSERVATION, ACTION, BATCH, HIDDEN = 10, 7, 100, (400, 300)

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 import yaml
-from rled_agent.agent_node import AgentParams
+from rled_agent.nodes.agent_node import AgentParams
 from rled_msgs_py.bags import BagError, BagWriter
 from rled_msgs_py.params import build, parameters_of
 from rled_sim.robots import ROBOTS

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rled_agent.evaluation import Score
+from rled_agent.training.evaluation import Score
 from rled_agent.nn.architecture import Architecture
-from rled_agent.policy import Policy, load_policy
+from rled_agent.nn.policy import Policy, load_policy
 from rled_sim.robots import ROBOTS
 from rled_sim.tasks import reach_task
 
-from rled_agent import evaluate_agent
+from rled_agent.cli import evaluate_agent
 
 BANDS = ["seen", "2-5 cm away", "5-10 cm away"]
 QUICK = ["--bands", "0.02", "0.05", "0.1", "--targets", "30", "--steps", "60"]

@@ -24,13 +24,13 @@ def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> 
 
 
 COMMANDS = {
-    "rled_agent.train_expert": ["--bag", "BAG", "--output", "OUT"],
-    "rled_agent.train_agent": ["planar_mc_tuned", "--bag", "BAG", "--expert", "EXPERT", "--output", "OUT"],
-    "rled_agent.train_peer": ["--bag", "BAG", "--env", "rled/PlanarReach-v0", "--output", "OUT"],
-    "rled_agent.evaluate_agent": ["--bag", "BAG", "--expert", "EXPERT", "--output", "OUT"],
-    "rled_agent.demo": ["--output", "OUT"],
+    "rled_agent.cli.train_expert": ["--bag", "BAG", "--output", "OUT"],
+    "rled_agent.cli.train_agent": ["planar_mc_tuned", "--bag", "BAG", "--expert", "EXPERT", "--output", "OUT"],
+    "rled_agent.cli.train_baseline": ["--bag", "BAG", "--env", "rled/PlanarReach-v0", "--output", "OUT"],
+    "rled_agent.cli.evaluate_agent": ["--bag", "BAG", "--expert", "EXPERT", "--output", "OUT"],
+    "rled_agent.cli.demo": ["--output", "OUT"],
     "rled_agent.experiments.reproduce": ["--runs", "OUT"],
-    "rled_agent.watch_episodes": ["--output", "OUT"],
+    "rled_agent.nodes.watch_episodes": ["--output", "OUT"],
     "rled_teleop.demos": ["plot", "BAG", "--output", "OUT"],
 }
 

@@ -17,14 +17,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from rled_agent.checkpoint import Checkpoint, read_checkpoint
-from rled_agent.digests import bag_digest
-from rled_agent.policy import load_policy
+from rled_agent.training.checkpoint import Checkpoint, read_checkpoint
+from rled_agent.training.digests import bag_digest
+from rled_agent.nn.policy import load_policy
 from rled_msgs_py.bags import Bag, BagWriter
 from rled_msgs_py.processes import Children, program
 from rled_msgs_py.topics import RECORDED
 
-from rled_agent import train_agent
+from rled_agent.cli import train_agent
 
 PATIENCE = 120.0
 ENDLESS = 10**9

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rled_agent.config import TrainConfig
-from rled_agent.environments import make_environment
+from rled_agent.training.config import TrainConfig
+from rled_agent.training.environments import make_environment
 from rled_agent.nn.scaling import Scaling
-from rled_agent.train_peer import Scaled
+from rled_agent.cli.train_baseline import Scaled
 
-from rled_agent import train_peer
+from rled_agent.cli import train_baseline
 
 QUICK = [
     "--env",

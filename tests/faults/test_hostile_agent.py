@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from rled_agent.agent_params import AgentParams
+from rled_agent.nodes.agent_params import AgentParams
 from rled_msgs_py.processes import program
 from rled_msgs_py.tick import STATE_TOPICS
 from rled_msgs_py.topics import HUMAN_JOINT_DELTA, ROBOT_DESCRIPTION, TASK_DESCRIPTION

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rled_agent.restart import Restart
+from rled_agent.nodes.restart import Restart
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.node import fresh_context, spin_until
 from rled_msgs_py.processes import Child, Children, program

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from rled_agent.config import TrainConfig
-from rled_agent.environments import make_environment
-from rled_agent.expertise import no_expertise
-from rled_agent.policy import Policy
-from rled_agent.trainer import Trainer
+from rled_agent.training.config import TrainConfig
+from rled_agent.training.environments import make_environment
+from rled_agent.training.expertise import no_expertise
+from rled_agent.nn.policy import Policy
+from rled_agent.training.trainer import Trainer
 from rled_sim.robots import ROBOTS
 from rled_sim.tasks import reach_task
 

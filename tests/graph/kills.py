@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rled_agent.checkpoint import read_checkpoint
+from rled_agent.training.checkpoint import read_checkpoint
 from rled_msgs_py.bags import Bag, repair
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.records import Health, JointSample

@@ -13,11 +13,11 @@ import numpy as np
 import torch
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rled_agent.demonstrations import open_demonstrations
-from rled_agent.expert import ExpertConfig, clone_expert
+from rled_agent.data.demonstrations import open_demonstrations
+from rled_agent.learners.cloning import ExpertConfig, clone_expert
 from rled_agent.nn.architecture import Architecture
 from rled_agent.nn.perceptron import Perceptron
-from rled_agent.policy import Policy, load_policy
+from rled_agent.nn.policy import Policy, load_policy
 from rled_msgs_py.node import fresh_context, spin_until, subscribe
 from rled_msgs_py.processes import program
 from rled_msgs_py.records import Health, JointSample

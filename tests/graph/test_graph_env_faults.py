@@ -9,7 +9,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
-from rled_agent.graph_env import GraphEnv
+from rled_agent.nodes.graph_env import GraphEnv
 from rled_msgs_py.processes import Children, program
 from rled_sim.faults import NO_FAULTS, Faults
 

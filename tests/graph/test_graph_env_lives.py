@@ -6,7 +6,7 @@ import pickle
 
 import numpy as np
 import pytest
-from rled_agent.graph_env import GraphEnv
+from rled_agent.nodes.graph_env import GraphEnv
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.topics import JOINT_DELTA
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rled_agent.checkpoint import read_checkpoint
+from rled_agent.training.checkpoint import read_checkpoint
 from rled_msgs_py.bags import Bag
 from rled_msgs_py.processes import program
 from rled_msgs_py.records import Actor, Level

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from rled_agent.graph_env import GraphEnv
+from rled_agent.nodes.graph_env import GraphEnv
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.processes import Child, Children, program
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from rled_agent.arbiter import Arbiter, ArbiterSettings, Proposal, Situation
+from rled_agent.deploy.arbiter import Arbiter, ArbiterSettings, Proposal, Situation
 from rled_msgs_py.limits import Limits
 from rled_msgs_py.records import Actor, GateCode, Level
 from rled_sim.limits import Guard

@@ -3,11 +3,11 @@ import math
 import numpy as np
 import pytest
 import torch
-from rled_agent.behaviour import BiasedExploration, MonteCarloGate, Noise, actor_source, policy_source
+from rled_agent.exploration.behaviour import BiasedExploration, MonteCarloGate, Noise, actor_source, policy_source
 from rled_agent.nn.architecture import Architecture
 from rled_agent.nn.perceptron import Perceptron
 from rled_agent.nn.scaling import scaling_of_bounds
-from rled_agent.uncertainty import Estimate
+from rled_agent.uncertainty.monte_carlo import Estimate
 from rled_msgs_py.records import Actor
 
 STATE = np.zeros(4, dtype=np.float32)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from rled_agent.checkpoint import Checkpoint, CheckpointError, read_checkpoint, write_checkpoint
+from rled_agent.training.checkpoint import Checkpoint, CheckpointError, read_checkpoint, write_checkpoint
 from safetensors.torch import save_file
 
 TENSORS = {
@@ -104,7 +104,7 @@ def test_a_pickle_is_refused_and_not_executed(tmp_path, monkeypatch, write):
 FILL = """
     import sys, torch
     from pathlib import Path
-    from rled_agent.checkpoint import Checkpoint, write_checkpoint
+    from rled_agent.training.checkpoint import Checkpoint, write_checkpoint
     from rled_msgs_py.errors import command_line
     write = lambda: write_checkpoint(Path(sys.argv[1]), Checkpoint({"new": torch.ones(100_000)}, {"step": 8}))
     command_line(write)()

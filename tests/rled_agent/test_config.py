@@ -7,9 +7,9 @@ from typing import Annotated, get_args, get_origin, get_type_hints
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from rled_agent.config import ScheduleConfig, TrainConfig
-from rled_agent.expert import ExpertConfig
-from rled_agent.presets import PRESETS
+from rled_agent.training.config import ScheduleConfig, TrainConfig
+from rled_agent.learners.cloning import ExpertConfig
+from rled_agent.cli.presets import PRESETS
 from rled_msgs_py.errors import ContractError, RledError
 from rled_msgs_py.kinds import Range
 

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rled_agent.controller import ActorSettings, Controller, load_policies, make_controller
-from rled_agent.policy import load_policy
+from rled_agent.deploy.controller import ActorSettings, Controller, load_policies, make_controller
+from rled_agent.nn.policy import load_policy
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.records import Actor
 

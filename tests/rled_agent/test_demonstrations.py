@@ -3,7 +3,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rled_agent.demonstrations import (
+from rled_agent.data.demonstrations import (
     DemonstrationError,
     DemonstrationPoints,
     JoinedPoints,

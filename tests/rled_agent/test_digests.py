@@ -5,7 +5,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from rled_agent.digests import bag_digest, file_digest
+from rled_agent.training.digests import bag_digest, file_digest
 from rled_msgs_py.bags import Bag, BagWriter
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.topics import DIAGNOSTICS, JOINT_DELTA, MARKED_JOINT_STATES, RECORDED

@@ -1,8 +1,8 @@
 import gymnasium
 import numpy as np
 import pytest
-from rled_agent.config import TrainConfig
-from rled_agent.environments import (
+from rled_agent.training.config import TrainConfig
+from rled_agent.training.environments import (
     bounds,
     check_spaces,
     environment_of,
@@ -10,7 +10,7 @@ from rled_agent.environments import (
     require_robot_of,
     task_of,
 )
-from rled_agent.rollout import roll_out
+from rled_agent.training.rollout import roll_out
 from rled_msgs_py.bags import Bag
 from rled_msgs_py.errors import RledError
 from rled_sim.robots import ROBOTS

@@ -1,6 +1,6 @@
 import numpy as np
-from rled_agent.episodes import EpisodeLog
-from rled_agent.watch_episodes import summarize
+from rled_agent.nodes.episode_log import EpisodeLog
+from rled_agent.nodes.watch_episodes import summarize
 from rled_msgs_py.records import JointSample, PoseSample, TaskStatus
 from rled_msgs_py.tick import Tick
 

@@ -2,8 +2,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rled_agent.demonstrations import DemonstrationPoints
-from rled_agent.evaluation import Band, Motion, jerk, move, score, seen_band, unseen_band
+from rled_agent.data.demonstrations import DemonstrationPoints
+from rled_agent.training.evaluation import Band, Motion, jerk, move, score, seen_band, unseen_band
 from rled_msgs_py.errors import RledError
 from rled_sim.robots import ROBOTS
 from rled_sim.tasks import planar_risk, reach_task

@@ -3,10 +3,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from rled_agent.demonstrations import RecordedTrajectories, open_demonstrations
-from rled_agent.expert import CurvePoint, ExpertConfig, clone_expert
+from rled_agent.data.demonstrations import RecordedTrajectories, open_demonstrations
+from rled_agent.learners.cloning import CurvePoint, ExpertConfig, clone_expert
 from rled_agent.nn.architecture import Architecture
-from rled_agent.policy import load_policy
+from rled_agent.nn.policy import load_policy
 from rled_msgs_py.errors import RledError
 
 SMALL = Architecture(hidden=(24, 24), activation="leaky_relu")
@@ -38,7 +38,7 @@ def test_the_validation_loss_falls(planar_bag, source):
 
 def test_the_learning_rate_falls_to_zero_along_a_cosine(zeta, monkeypatch):
     rates: list[float] = []
-    monkeypatch.setattr("rled_agent.expert.step", lambda optimizer, loss, rate: rates.append(rate))
+    monkeypatch.setattr("rled_agent.learners.cloning.step", lambda optimizer, loss, rate: rates.append(rate))
     clone(zeta, config=ExpertConfig(SMALL, learning_rate=0.01, steps=4, batch_size=8))
     assert rates == pytest.approx([0.01, 0.01 * (0.5 + 0.5**1.5), 0.005, 0.01 * (0.5 - 0.5**1.5)])
 

@@ -2,8 +2,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rled_agent.demonstrations import DemonstrationPoints, JoinedPoints
-from rled_agent.expert_rows import ExpertRows
+from rled_agent.data.demonstrations import DemonstrationPoints, JoinedPoints
+from rled_agent.data.expert_rows import ExpertRows
 from rled_agent.nn.scaling import Scaling
 from rled_msgs_py.errors import RledError
 from rled_sim.robots import ROBOTS

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rled_agent.flaws import Flaws
+from rled_agent.data.corruption import Flaws
 from rled_msgs_py.errors import ContractError
 
 

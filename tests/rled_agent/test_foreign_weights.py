@@ -10,13 +10,13 @@ import pytest
 import torch
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from rled_agent.checkpoint import Checkpoint, CheckpointError, read_checkpoint, write_checkpoint
+from rled_agent.training.checkpoint import Checkpoint, CheckpointError, read_checkpoint, write_checkpoint
 from rled_agent.nn.architecture import Architecture
 from rled_agent.nn.perceptron import Perceptron
-from rled_agent.policy import load_policy
-from rled_agent.replay import MOST_BYTES, Replay
-from rled_agent.run_directory import RunDirectory
-from rled_agent.uncertainty import GateSettings
+from rled_agent.nn.policy import load_policy
+from rled_agent.replay.uniform import MOST_BYTES, Replay
+from rled_agent.training.run_directory import RunDirectory
+from rled_agent.uncertainty.monte_carlo import GateSettings
 from rled_msgs_py.errors import RledError
 from safetensors import safe_open
 from safetensors.torch import load_file, save_file

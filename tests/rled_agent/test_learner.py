@@ -7,7 +7,7 @@ from rled_agent.learners.td3 import Learner, LearnerConfig
 from rled_agent.nn.architecture import Architecture
 from rled_agent.nn.dropout import dropout_masks
 from rled_agent.nn.perceptron import Perceptron
-from rled_agent.replay import Batch
+from rled_agent.replay.uniform import Batch
 from torch import Tensor
 from torch.nn import functional
 

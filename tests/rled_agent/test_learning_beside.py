@@ -10,18 +10,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from rled_agent.apprentice import Apprentice
-from rled_agent.checkpoint import Checkpoint, CheckpointError, read_checkpoint
-from rled_agent.config import ScheduleConfig, TrainConfig
+from rled_agent.deploy.learner_client import Apprentice
+from rled_agent.training.checkpoint import Checkpoint, CheckpointError, read_checkpoint
+from rled_agent.training.config import ScheduleConfig, TrainConfig
 from rled_agent.learners.td3 import Learner, LearnerConfig
-from rled_agent.learning_process import Options, Student
-from rled_agent.learning_state import pack, unpack
+from rled_agent.deploy.learner_process import Options, Student
+from rled_agent.training.learning_state import pack, unpack
 from rled_agent.nn.architecture import Architecture
-from rled_agent.online_learning import OnlineLearning
-from rled_agent.policy import load_policy
-from rled_agent.replay import Replay
-from rled_agent.run_directory import RunDirectory
-from rled_agent.weight_slot import WeightSlot
+from rled_agent.deploy.online_learning import OnlineLearning
+from rled_agent.nn.policy import load_policy
+from rled_agent.replay.uniform import Replay
+from rled_agent.training.run_directory import RunDirectory
+from rled_agent.deploy.shared_parameters import WeightSlot
 from rled_msgs_py.errors import RledError
 
 PATIENCE = 60.0

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from rled_agent.experiments.archive import Archive, KeptRun, is_record
 from rled_agent.experiments.experiment import Drawing, ExperimentError, RunName, read_experiment
 from rled_agent.experiments.records import read_bands, read_courses, read_episodes, read_experts
-from rled_agent.metrics import read_rows
+from rled_agent.training.tables import read_rows
 from rled_msgs_py.errors import RledError
 
 JSON = st.recursive(

@@ -1,8 +1,8 @@
 import json
 
 import numpy as np
-from rled_agent.behaviour import Noise
-from rled_agent.peer_behaviour import JumpStart, Proposal
+from rled_agent.exploration.behaviour import Noise
+from rled_agent.exploration.peer_behaviour import JumpStart, Proposal
 from rled_msgs_py.records import Actor
 
 STATE = np.zeros(4, dtype=np.float32)

@@ -5,8 +5,8 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 import torch
-from rled_agent.checkpoint import CheckpointError
-from rled_agent.policy import load_policy
+from rled_agent.training.checkpoint import CheckpointError
+from rled_agent.nn.policy import load_policy
 from rled_msgs_py.errors import ContractError, RledError
 from rled_sim.robots import ROBOTS
 from rled_sim.tasks import reach_task

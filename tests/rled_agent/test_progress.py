@@ -7,10 +7,10 @@ import termios
 import textwrap
 
 import pytest
-from rled_agent.progress import Progress
+from rled_agent.training.progress import Progress
 
 WORK = """
-    from rled_agent.progress import Progress
+    from rled_agent.training.progress import Progress
     with Progress("step", 3, 1) as progress:
         for done in (2, 3):
             progress.say(done, {"loss": 0.12345})
@@ -30,7 +30,7 @@ def test_lines_are_plain_where_there_is_no_terminal(capsys):
 
 def test_plain_lines_are_at_least_a_second_apart_but_the_last_is_said(capsys, monkeypatch):
     now = [100.0]
-    monkeypatch.setattr("rled_agent.progress.time.monotonic", lambda: now[0])
+    monkeypatch.setattr("rled_agent.training.progress.time.monotonic", lambda: now[0])
     with Progress("step", 10) as progress:
         for done, now[0] in ((1, 100.0), (2, 100.9), (3, 101.1), (4, 102.0), (9, 102.2), (10, 102.3)):
             progress.say(done, {"x": 0.0})

@@ -1,6 +1,6 @@
 import numpy as np
 import torch
-from rled_agent.replay import Batch, Replay
+from rled_agent.replay.uniform import Batch, Replay
 
 
 def fill(replay: Replay, count: int) -> None:

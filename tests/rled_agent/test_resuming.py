@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from rled_agent.resuming import require_same_run
+from rled_agent.training.resuming import require_same_run
 from rled_msgs_py.errors import RledError
 
 BEGAN: dict[str, Any] = {

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 import torch
-from rled_agent.checkpoint import Checkpoint
-from rled_agent.run_directory import RunDirectory
+from rled_agent.training.checkpoint import Checkpoint
+from rled_agent.training.run_directory import RunDirectory
 from rled_msgs_py.errors import RledError
 
 NAN = math.nan

@@ -7,15 +7,15 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
-from rled_agent.behaviour import MonteCarloGate
-from rled_agent.checkpoint import Checkpoint, CheckpointError, read_checkpoint, write_checkpoint
-from rled_agent.config import BehaviourConfig, ScheduleConfig, TrainConfig
-from rled_agent.environments import make_environment
-from rled_agent.expertise import Expertise, no_expertise, read_expertise
+from rled_agent.exploration.behaviour import MonteCarloGate
+from rled_agent.training.checkpoint import Checkpoint, CheckpointError, read_checkpoint, write_checkpoint
+from rled_agent.training.config import BehaviourConfig, ScheduleConfig, TrainConfig
+from rled_agent.training.environments import make_environment
+from rled_agent.training.expertise import Expertise, no_expertise, read_expertise
 from rled_agent.learners.td3 import LearnerConfig
 from rled_agent.nn.architecture import Architecture
 from rled_agent.nn.scaling import scaling_of_bounds
-from rled_agent.trainer import DivergenceError, Trainer
+from rled_agent.training.trainer import DivergenceError, Trainer
 from rled_msgs_py.bags import Bag
 from rled_msgs_py.errors import ContractError, RledError
 from rled_msgs_py.records import Actor

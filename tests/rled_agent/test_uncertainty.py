@@ -6,7 +6,7 @@ import torch
 from rled_agent.nn.architecture import Architecture
 from rled_agent.nn.dropout import dropout_masks
 from rled_agent.nn.perceptron import Perceptron
-from rled_agent.uncertainty import MonteCarlo, iqr, qcd, spread
+from rled_agent.uncertainty.monte_carlo import MonteCarlo, iqr, qcd, spread
 
 
 def test_quartiles_of_five_values_are_the_second_and_the_fourth():

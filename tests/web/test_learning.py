@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from rled_agent.policy import load_policy
+from rled_agent.nn.policy import load_policy
 from rled_msgs_py.processes import Children, program
 from rled_msgs_py.records import Actor, GateCode
 

@@ -18,7 +18,7 @@ from rled_msgs_py.foreign import read_json, read_text
 
 from rled_agent.experiments.experiment import Run, RunName
 from rled_agent.experiments.statistics import Curve, Floats
-from rled_agent.metrics import LARGEST, read_rows
+from rled_agent.training.tables import LARGEST, read_rows
 
 RECORD = "run.json"
 """File of a run's folder that says how it was made; a run that is done has one."""

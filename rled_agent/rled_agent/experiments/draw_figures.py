@@ -15,7 +15,7 @@ from rled_agent.experiments.experiment import Experiment, Library, Run
 from rled_agent.experiments.pictures import draw
 from rled_agent.experiments.reproduce import EXPERIMENTS, KEPT
 from rled_agent.experiments.tables import table
-from rled_agent.progress import Progress
+from rled_agent.training.progress import Progress
 
 RESULTS = Path("docs/results.md")
 FIGURES = Path("docs/results/figures")

@@ -14,9 +14,9 @@ from rled_msgs_py.files import write_whole
 from rled_msgs_py.foreign import read_json, read_text
 from rled_msgs_py.processes import POLL, Children
 
-from rled_agent.digests import file_digest
 from rled_agent.experiments.archive import RECORD, is_record
 from rled_agent.experiments.experiment import Run
+from rled_agent.training.digests import file_digest
 
 BEGUN, CHECKPOINT = "command.txt", "checkpoint.safetensors"
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "CUDA_VISIBLE_DEVICES": ""}
@@ -48,7 +48,7 @@ def execute(run: Run, root: Path, stop: Event) -> Path:
         shutil.rmtree(folder, ignore_errors=True)
         write_whole(folder / BEGUN, _begun(run, root))
     program, *options = run.arguments(root)
-    command = [sys.executable, "-m", f"rled_agent.{program}", *options, *(["--resume"] if resuming else [])]
+    command = [sys.executable, "-m", f"rled_agent.cli.{program}", *options, *(["--resume"] if resuming else [])]
     begun = time.monotonic()
     with Children() as children:
         child = children.start(command, env=ONE_THREAD, echo=False)

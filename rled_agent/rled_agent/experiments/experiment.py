@@ -13,8 +13,8 @@ from rled_msgs_py.kinds import check_kinds
 P = TypeVar("P")
 Verdict = Literal["reproduced", "partly", "not", "answered", "open"]
 """Of a claim; ``answered`` is for a question, ``open`` for what has too few runs yet."""
-Kind = Literal["curves", "cloning", "bands", "paths", "tradeoff", "episodes"]
-COMMANDS = ("train_expert", "train_agent", "train_peer", "evaluate_agent")
+Kind = Literal["curves", "cloning", "bins", "paths", "tradeoff", "episodes"]
+COMMANDS = ("train_expert", "train_agent", "train_baseline", "evaluate_agent")
 OTHER_RUN = re.compile(r"\{([^{}/]+)/([^{}/]+)\}")
 
 
@@ -94,7 +94,7 @@ class Drawing:
 
     Attributes:
         kind: how it is drawn.
-        metric: column of ``metrics.csv`` for curves and trade-offs, figure of an episode, band of targets for paths.
+        metric: column of ``metrics.csv`` for curves and trade-offs, metric of an episode, distance bin for paths.
         label: what that is, with its unit.
         log: logarithmic axis.
         ordered: the variants are steps of one scale, and so are their colours.

@@ -12,7 +12,7 @@ from rled_msgs_py.pictures import picture
 
 from rled_agent.experiments.archive import Runs
 from rled_agent.experiments.experiment import Drawing, Kind
-from rled_agent.experiments.records import read_bands, read_cloning, read_courses, read_episodes, read_experts
+from rled_agent.experiments.records import read_bins, read_cloning, read_episodes, read_experts, read_traces
 from rled_agent.experiments.statistics import Estimate, Floats, common, estimate
 
 SHOWN = 8
@@ -28,7 +28,7 @@ def draw(path: Path, drawing: Drawing, variants: Runs, title: str) -> None:
 
 
 def _draw_curves(axes: Axes, drawing: Drawing, variants: Runs) -> None:
-    """Mean over the seeds, and a band of one standard deviation either way, as far as any seed went."""
+    """Mean over the seeds, and a distance bin of one standard deviation either way, as far as any seed went."""
     for color, (label, runs) in zip(_colors(len(variants), drawing.ordered), variants.items(), strict=True):
         curves = [run.curve(drawing.metric).smoothed(drawing.window) for run in runs]
         steps, values = common([curve for curve in curves if len(curve.steps)] or curves)
@@ -60,15 +60,15 @@ def _draw_cloning(axes: Axes, _: Drawing, variants: Runs) -> None:
 def _draw_bands(axes: Axes, _: Drawing, variants: Runs) -> None:
     """Success of each policy by distance from the demonstrated points."""
     for color, (label, runs) in zip(_colors(len(variants)), variants.items(), strict=True):
-        evaluations = [read_bands(run) for run in runs]
-        bands = list(evaluations[0])
-        for policy in evaluations[0][bands[0]]:
-            values = [estimate([each[band][policy]["success"] for each in evaluations]) for band in bands]
+        evaluations = [read_bins(run) for run in runs]
+        bins = list(evaluations[0])
+        for policy in evaluations[0][bins[0]]:
+            values = [estimate([each[group][policy]["success"] for each in evaluations]) for group in bins]
             heights, errors = _bars(values)
             style, named = "o--" if policy == "expert" else "o-", policy_name(policy, label, variants)
-            axes.errorbar(range(len(bands)), heights, errors, fmt=style, color=color, capsize=3, label=named)
+            axes.errorbar(range(len(bins)), heights, errors, fmt=style, color=color, capsize=3, label=named)
     axes.set(xlabel="targets", ylabel="share of targets reached", ylim=(-0.02, 1.02))
-    axes.set_xticks(range(len(bands)), bands)
+    axes.set_xticks(range(len(bins)), bins)
     _legend(axes)
 
 
@@ -93,8 +93,8 @@ def _bars(values: Sequence[Estimate]) -> tuple[Floats, Floats]:
 def _draw_paths(axes: Axes, drawing: Drawing, variants: Runs) -> None:
     """Distance from the target over the steps of some motions of the first seed."""
     for label, runs in variants.items():
-        for k, (policy, courses) in enumerate(read_courses(runs[0], drawing.metric).items()):
-            for j, each in enumerate(courses[:SHOWN]):
+        for k, (policy, traces) in enumerate(read_traces(runs[0], drawing.metric).items()):
+            for j, each in enumerate(traces[:SHOWN]):
                 named = policy_name(policy, label, variants) if j == 0 else None
                 axes.plot(each.distance, ".-", color=f"C{k}", linewidth=1.0, markersize=4, alpha=0.7, label=named)
     axes.set(xlabel="step", ylabel="distance from the target (m)", ylim=(0.0, None))
@@ -117,7 +117,7 @@ def _draw_tradeoff(axes: Axes, drawing: Drawing, variants: Runs) -> None:
 DRAW: Mapping[Kind, Callable[[Axes, Drawing, Runs], None]] = {
     "curves": _draw_curves,
     "cloning": _draw_cloning,
-    "bands": _draw_bands,
+    "bins": _draw_bands,
     "paths": _draw_paths,
     "tradeoff": _draw_tradeoff,
     "episodes": _draw_episodes,

@@ -7,16 +7,16 @@ from typing import Any, TypeVar
 
 from rled_msgs_py.errors import RledError
 
-from rled_agent.evaluation import Course
 from rled_agent.experiments.archive import KeptRun, Runs
 from rled_agent.experiments.experiment import Drawing
 from rled_agent.experiments.statistics import Floats
-from rled_agent.expert import CurvePoint
-from rled_agent.rollout import EpisodeResult
+from rled_agent.learners.cloning import CurvePoint
+from rled_agent.training.evaluation import Trace
+from rled_agent.training.rollout import EpisodeResult
 
 T = TypeVar("T")
 DRAWN = ("success", "steps", "path_length", "jerk")
-"""Figures of a band that are drawn or told."""
+"""Figures of a distance bin that are drawn or told."""
 
 
 def read_experts(drawing: Drawing, variants: Runs) -> list[float]:
@@ -30,10 +30,10 @@ def read_cloning(run: KeptRun) -> Mapping[str, Floats]:
     return run.columns("curve", *CurvePoint._fields)
 
 
-def read_bands(run: KeptRun) -> dict[str, dict[str, dict[str, float]]]:
-    """What ``evaluate_agent`` found: band, policy, figure; NaN for one that there is none of."""
+def read_bins(run: KeptRun) -> dict[str, dict[str, dict[str, float]]]:
+    """What ``evaluate_agent`` found: distance bin, policy, figure; NaN for one that there is none of."""
     score = partial(_figures, DRAWN, _number_or_nan)
-    return _read(run, "evaluation", lambda bands: _each(bands, lambda policies: _each(policies, score)))
+    return _read(run, "evaluation", lambda bins: _each(bins, lambda policies: _each(policies, score)))
 
 
 def read_episodes(run: KeptRun) -> dict[str, dict[str, float]]:
@@ -42,9 +42,9 @@ def read_episodes(run: KeptRun) -> dict[str, dict[str, float]]:
     return _read(run, "episodes", lambda policies: {name: score(policies[name]) for name in ("expert", "agent")})
 
 
-def read_courses(run: KeptRun, band: str) -> dict[str, list[Course]]:
-    """Motions that ``evaluate_agent`` kept of a band, by policy."""
-    return _read(run, "motions", lambda bands: _each(bands[band], _courses))
+def read_traces(run: KeptRun, group: str) -> dict[str, list[Trace]]:
+    """Motions that ``evaluate_agent`` kept of a distance bin, by policy."""
+    return _read(run, "motions", lambda bins: _each(bins[group], _traces))
 
 
 def _read(run: KeptRun, document: str, take: Callable[[Any], T]) -> T:
@@ -81,14 +81,14 @@ def _number_or_nan(value: Any) -> float:
     return math.nan if value is None else _number(value)
 
 
-def _courses(group: Any) -> list[Course]:
+def _traces(group: Any) -> list[Trace]:
     if not group:
         raise ValueError("no motions")
-    return [*map(_course, group)]
+    return [*map(_trace, group)]
 
 
-def _course(values: Any) -> Course:
-    course = Course(*([*map(_number, each)] for each in values))
-    if len(course.change) != max(len(course.distance) - 2, 0):
-        raise ValueError(f"{len(course.change)} changes along {len(course.distance)} distances")
-    return course
+def _trace(values: Any) -> Trace:
+    trace = Trace(*([*map(_number, each)] for each in values))
+    if len(trace.change) != max(len(trace.distance) - 2, 0):
+        raise ValueError(f"{len(trace.change)} changes along {len(trace.distance)} distances")
+    return trace

@@ -20,7 +20,7 @@ from rled_agent.experiments.cluster import Cluster
 from rled_agent.experiments.execution import execute, is_done
 from rled_agent.experiments.experiment import Library, Run, RunName
 from rled_agent.experiments.sweep import Finished, sweep
-from rled_agent.progress import Progress
+from rled_agent.training.progress import Progress
 
 EXPERIMENTS, KEPT = Path("docs/results/experiments"), Path("docs/results/runs")
 

@@ -4,12 +4,12 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 
-from rled_agent.evaluation import Course
 from rled_agent.experiments.archive import Runs
 from rled_agent.experiments.experiment import Drawing, Kind
 from rled_agent.experiments.pictures import policy_name
-from rled_agent.experiments.records import read_bands, read_cloning, read_courses, read_episodes, read_experts
+from rled_agent.experiments.records import read_bins, read_cloning, read_episodes, read_experts, read_traces
 from rled_agent.experiments.statistics import Curve, estimate
+from rled_agent.training.evaluation import Trace
 
 NEAR = 0.15
 """Distance from a target (m) below which a motion is near to it."""
@@ -54,15 +54,15 @@ def _cloning(_: Drawing, variants: Runs) -> tuple[list[str], list[list[str]]]:
     return ["expert", "first validation error", "last", "share of validations that rose", "seeds"], rows
 
 
-def _bands(_: Drawing, variants: Runs) -> tuple[list[str], list[list[str]]]:
+def _bins(_: Drawing, variants: Runs) -> tuple[list[str], list[list[str]]]:
     rows = []
     for label, runs in variants.items():
-        found = [read_bands(run) for run in runs]
-        for band, policies in found[0].items():
+        found = [read_bins(run) for run in runs]
+        for group, policies in found[0].items():
             for policy in policies:
-                figures = [_present(each[band][policy][name] for each in found) for name in SHOWN]
+                figures = [_present(each[group][policy][name] for each in found) for name in SHOWN]
                 cells = [str(estimate(values)) if values else "none" for values in figures]
-                rows.append([band, policy_name(policy, label, variants), *cells, str(len(runs))])
+                rows.append([group, policy_name(policy, label, variants), *cells, str(len(runs))])
     return ["targets", "policy", *SHOWN.values(), "seeds"], sorted(rows, key=lambda row: _rank(row[0], variants))
 
 
@@ -78,15 +78,15 @@ def _present(values: Iterable[float]) -> list[float]:
     return [value for value in values if np.isfinite(value)]
 
 
-def _rank(band: str, variants: Runs) -> int:
+def _rank(group: str, variants: Runs) -> int:
     run = next(iter(variants.values()))[0]
-    return list(read_bands(run)).index(band)
+    return list(read_bins(run)).index(group)
 
 
 def _paths(drawing: Drawing, variants: Runs) -> tuple[list[str], list[list[str]]]:
     rows = []
     for label, runs in variants.items():
-        found = [read_courses(run, drawing.metric) for run in runs]
+        found = [read_traces(run, drawing.metric) for run in runs]
         for policy in found[0]:
             near, far = zip(*(_changes(each[policy]) for each in found), strict=True)
             name = policy_name(policy, label, variants)
@@ -95,9 +95,9 @@ def _paths(drawing: Drawing, variants: Runs) -> tuple[list[str], list[list[str]]
     return heads, rows
 
 
-def _changes(courses: Sequence[Course]) -> tuple[float, float]:
-    distance = np.concatenate([np.array(each.distance[2:]) for each in courses])
-    change = 1e3 * np.concatenate([np.array(each.change) for each in courses])
+def _changes(traces: Sequence[Trace]) -> tuple[float, float]:
+    distance = np.concatenate([np.array(each.distance[2:]) for each in traces])
+    change = 1e3 * np.concatenate([np.array(each.change) for each in traces])
     return float(change[distance < NEAR].mean()), float(change[distance >= NEAR].mean())
 
 
@@ -134,7 +134,7 @@ def _episodes(_: Drawing, variants: Runs) -> tuple[list[str], list[list[str]]]:
 TABLES: Mapping[Kind, Callable[[Drawing, Runs], tuple[list[str], list[list[str]]]]] = {
     "curves": _curves,
     "cloning": _cloning,
-    "bands": _bands,
+    "bins": _bins,
     "paths": _paths,
     "tradeoff": _tradeoff,
     "episodes": _episodes,

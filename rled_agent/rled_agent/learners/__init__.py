@@ -1,1 +1,1 @@
-"""Updates of networks from transitions."""
+"""The updates: TD3 with DDPG as a case of it, and behavioural cloning."""

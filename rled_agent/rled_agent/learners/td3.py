@@ -1,107 +1,87 @@
-"""DDPG (Algorithm 1) and TD3 (Eq. 4.1-4.9) as one update with options."""
+"""TD3 (Eq. 4.1-4.9; Fujimoto et al., 2018), of which DDPG (Algorithm 1) is a case."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from rled_msgs_py.errors import ContractError, RledError
 from rled_msgs_py.kinds import Range
 from torch import Tensor
 
 from rled_agent.bounds import Amount, Share
+from rled_agent.learners.actor_losses import ActorLoss, policy_gradient
+from rled_agent.learners.learner import Update
 from rled_agent.nn.adam import adam, state_of, step
 from rled_agent.nn.architecture import Architecture
 from rled_agent.nn.perceptron import Perceptron
-from rled_agent.replay import Batch
+from rled_agent.replay.transitions import Transitions
 
-Expert = Callable[[NDArray[np.float32]], NDArray[np.float32]]
+BatchPolicy = Callable[[Tensor], Tensor]
+"""Normalised actions, (b, n), for normalised observations, (b, o)."""
 
 
 @dataclass(frozen=True)
-class LearnerConfig:
-    """Settings of the update.
-
-    Attributes:
-        gamma: discount γ.
-        reward_scale: factor on rewards before they are learned from; critics of values near 1 settle soonest.
-        actor_rate: learning rate α_a.
-        critic_rate: learning rate α_c.
-        rate_decay: β of α_k = α/(1 + k/β) in gradient steps k (Theorem 5); 0 keeps the rate constant.
-        tau: soft update τ.
-        critics: 2 takes the lesser of two critics (TD3), 1 the only one (DDPG).
-        delay: gradient steps of the critics for one of the actor and the targets (TD3); 1 for DDPG.
-        target_noise: σ of the smoothing noise on target actions (TD3); 0 for DDPG.
-        target_clip: c, bound of that noise.
-        target_dropout: the target actor drops units too.
-        cloning_weight: weight of the cloning error on a batch's demonstrated rows, beside Q over its mean size.
-        expert_bootstrap: the target takes the expert's action where the target critics prefer it (IBRL).
-        q_filter: clone only where the critic holds the demonstrated action for the better one (Nair et al., 2018).
-        actor: hidden part of the actor.
-        critic: hidden part of each critic.
-    """
+class TD3Config:
+    """Settings of the update."""
 
     gamma: Share = 0.99
+    """discount γ"""
     reward_scale: Amount = 1.0
+    """factor on rewards before they are learned from; critics of values near 1 settle soonest"""
     actor_rate: Share = 1e-3
+    """learning rate α_a"""
     critic_rate: Share = 1e-3
+    """learning rate α_c"""
     rate_decay: Amount = 0.0
+    """β of α_k = α/(1 + k/β) in gradient steps k (Theorem 5); 0 keeps the rate constant"""
     tau: Share = 5e-3
-    critics: Annotated[int, Range(1, 2)] = 2
+    """soft update τ"""
+    critics: Annotated[int, Range(1, 100)] = 2
+    """the target is the lesser value of two critics (TD3), or of so many; 1 for DDPG"""
     delay: Annotated[int, Range(1, 1000)] = 2
+    """gradient steps of the critics for one of the actor and the targets (TD3); 1 for DDPG"""
     target_noise: Annotated[float, Range(0, 10)] = 0.2
+    """σ of the smoothing noise on target actions (TD3); 0 for DDPG"""
     target_clip: Annotated[float, Range(0, 10)] = 0.5
+    """c, bound of that noise"""
     target_dropout: bool = False
-    cloning_weight: Annotated[float, Range(0, 1e6)] = 0.0
-    q_filter: bool = True
-    expert_bootstrap: bool = False
+    """the target actor drops units too"""
     actor: Architecture = field(default_factory=Architecture)
+    """hidden part of the actor"""
     critic: Architecture = field(default_factory=Architecture)
+    """hidden part of each critic"""
+
+    def __post_init__(self) -> None:
+        if self.critic.dropout:
+            raise ContractError(f"learner.critic.dropout is {self.critic.dropout}", "0", "critics drop no units")
 
 
-class Metrics(NamedTuple):
-    """What an update reports; it costs nothing until it is read.
-
-    Attributes:
-        error: Q_i − y, shape (e, b, 1).
-        target: y, shape (b, 1).
-    """
-
-    error: Tensor
-    target: Tensor
-
-    @property
-    def critic_loss(self) -> float:
-        """Mean over the critics of J_c (Eq. 4.5)."""
-        return float(self.error.square().mean())
-
-    @property
-    def q(self) -> float:
-        """Mean value of the batch."""
-        return float(self.error.mean() + self.target.mean())
-
-
-class Learner:
-    """Actor, critics, their targets and the update.
+class TD3Learner:
+    """Actor, critics, their targets and the update; all tensors are on the generator's device.
 
     Args:
         observation_size: o.
         action_size: n.
         config: settings.
         generator: draws weights, target noise and dropped units.
-        expert: normalised actions (b, n) for normalised observations (b, o), for ``expert_bootstrap``.
+        actor_loss: what the actor is improved by.
+        proposal: another policy; the target takes its action where the target critics prefer it (IBRL).
     """
 
     def __init__(
         self,
         observation_size: int,
         action_size: int,
-        config: LearnerConfig,
+        config: TD3Config,
         generator: torch.Generator,
-        expert: Expert | None = None,
+        actor_loss: ActorLoss = policy_gradient,
+        proposal: BatchPolicy | None = None,
     ) -> None:
-        self.config, self.generator, self._expert = config, generator, expert
+        self.config, self.generator = config, generator
+        self._actor_loss, self._proposal = actor_loss, proposal
         self.updates = 0
         inputs = observation_size + action_size
         self.actor = Perceptron(observation_size, action_size, config.actor, generator, squash=True)
@@ -111,56 +91,43 @@ class Learner:
         self._actor_adam = adam(self.actor, config.actor_rate)
         self._critic_adam = adam(self.critic, config.critic_rate)
 
-    def update(self, batch: Batch) -> Metrics:
+    def update(self, transitions: Transitions) -> Update:
         """One gradient step of the critics and, every ``delay`` of them, of actor and targets."""
-        target = self._target(batch)
-        error = self.critic(batch.pair) - target  # (e, b, 1)
-        loss = error.square().sum() / len(batch)  # Eq. 4.5, summed over the critics
+        target = self._target(transitions)
+        q = self.critic(torch.cat((transitions.observation, transitions.action), dim=1))  # (e, b, 1)
+        error = q - target
+        loss = (error.square() * transitions.weight).sum() / len(target)  # Eq. 4.5, summed over the critics
         step(self._critic_adam, loss, self._rate(self.config.critic_rate))  # Eq. 4.6
         if (self.updates + 1) % self.config.delay == 0:
-            step(self._actor_adam, self._actor_loss(batch), self._rate(self.config.actor_rate))  # Eq. 4.8
+            step(self._actor_adam, self._improvement(transitions), self._rate(self.config.actor_rate))  # Eq. 4.8
             self._update_targets()
         self.updates += 1
-        return Metrics(error.detach(), target)
+        error = error.detach()
+        return Update(error.mean(dim=0)[:, 0], {"critic_loss": error.square(), "q": q.detach()})
 
     @torch.no_grad()
-    def _target(self, batch: Batch) -> Tensor:
+    def _target(self, transitions: Transitions) -> Tensor:
         """Y = r + γ (1 − terminated) min_i Q'_i(s', ã) (Eq. 4.4), shape (b, 1)."""
-        config, following = self.config, batch.next_observation
+        config, following = self.config, transitions.next_observation
         action = self.target_actor(following, self.generator if config.target_dropout else None)[0]  # (b, n)
         if config.target_noise:
             noise = torch.empty_like(action).normal_(0.0, config.target_noise, generator=self.generator)
             action = (action + noise.clamp_(-config.target_clip, config.target_clip)).clamp_(-1.0, 1.0)
         q = self._target_value(following, action)
-        if config.expert_bootstrap and self._expert is not None:
-            q = torch.maximum(q, self._target_value(following, torch.from_numpy(self._expert(following.numpy()))))
-        return batch.reward * config.reward_scale + config.gamma * (1.0 - batch.terminated) * q
+        if self._proposal is not None:
+            q = torch.maximum(q, self._target_value(following, self._proposal(following)))
+        return transitions.reward * config.reward_scale + transitions.discount * q
 
     def _target_value(self, observation: Tensor, action: Tensor) -> Tensor:
         """The lesser value of the target critics, shape (b, 1)."""
         value: Tensor = self.target_critic(torch.cat((observation, action), dim=1)).amin(dim=0)
         return value
 
-    def _actor_loss(self, batch: Batch) -> Tensor:
-        """−J_a, with the cloning error on the demonstrated rows beside Q over its mean size."""
-        weight = self.config.cloning_weight
-        action = self.actor(batch.observation, self.generator)[0]  # (b, n)
-        q: Tensor = self._first_critic(torch.cat((batch.observation, action), dim=1))[0]  # (b, 1)
-        if not weight:
-            return -q.mean()
-        size = q.detach().abs().mean()
-        loss = -q.mean() / torch.where(size > 0.0, size, 1.0)
-        if batch.demonstrated:
-            loss = loss + weight * self._cloning_loss(batch, action, q)
-        return loss
-
-    def _cloning_loss(self, batch: Batch, action: Tensor, q: Tensor) -> Tensor:
-        """The cloning error (Eq. 4.10) of the actor's actions on the demonstrated rows."""
-        rows = slice(len(batch) - batch.demonstrated, len(batch))
-        error: Tensor = (action[rows] - batch.action[rows]).square().sum(dim=1, keepdim=True)  # (d, 1)
-        if self.config.q_filter:
-            error = error * (self._first_critic(batch.pair[rows])[0] > q[rows])
-        return error.mean()
+    def _improvement(self, transitions: Transitions) -> Tensor:
+        """What the actor is changed against: −J_a, or the loss that stands for it."""
+        action = self.actor(transitions.observation, self.generator)[0]  # (b, n)
+        q: Tensor = self._first_critic(torch.cat((transitions.observation, action), dim=1))[0]  # (b, 1)
+        return self._actor_loss(action, q, transitions, self._first_critic)
 
     @torch.no_grad()
     def _update_targets(self) -> None:
@@ -181,9 +148,9 @@ class Learner:
             "target_critic": self.target_critic,
         }
 
-    def tensors(self) -> dict[str, Tensor]:
-        """All state but ``updates`` and the generator, by dotted name, sharing memory."""
-        state = {
+    def state_dict(self) -> dict[str, Any]:
+        """All state but the generator: tensors by dotted name, which share memory, and ``updates``."""
+        state: dict[str, Any] = {
             f"{name}.{part}": tensor.detach()
             for name, network in self.networks().items()
             for part, tensor in network.named_parameters()
@@ -193,7 +160,22 @@ class Learner:
             ("critic_adam", self._critic_adam, self.critic),
         ):
             state |= {f"{name}.{part}": tensor for part, tensor in state_of(optimizer, network).items()}
-        return state
+        return state | {"updates": self.updates}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from ``state``.
+
+        Raises:
+            RledError: it is of other networks.
+        """
+        own = {name: tensor for name, tensor in self.state_dict().items() if isinstance(tensor, Tensor)}
+        for name, tensor in own.items():
+            if name not in state or state[name].shape != tensor.shape:
+                found = tuple(state[name].shape) if name in state else "nothing"
+                raise RledError(f"it holds {found} as {name}", str(tuple(tensor.shape)))
+        for name, tensor in own.items():
+            tensor.copy_(state[name])
+        self.updates = state["updates"]
 
     def _rate(self, rate: float) -> float:
         decay = self.config.rate_decay

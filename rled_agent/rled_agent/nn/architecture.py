@@ -7,7 +7,7 @@ from rled_msgs_py.kinds import Length, Range
 
 Activation = Literal["relu", "leaky_relu"]
 Weights = Literal["fan_in", "glorot"]
-MOST_WIDTH, MOST_LAYERS, MOST_WEIGHTS = 100_000, 32, 2**25
+MAX_WIDTH, MAX_LAYERS, MAX_WEIGHTS = 100_000, 32, 2**25
 """Of a network; so many weights are 128 MiB, and a learner holds some twenty times as much."""
 SLOPE: dict[Activation, float] = {"relu": 0.0, "leaky_relu": 0.01}
 
@@ -25,7 +25,7 @@ class Architecture:
             ±√(6/(fan-in + fan-out)), with biases of zero (Glorot and Bengio, 2010; TensorFlow's way).
     """
 
-    hidden: Annotated[tuple[int, ...], Range(1, MOST_WIDTH), Length(MOST_LAYERS)] = (400, 300)
+    hidden: Annotated[tuple[int, ...], Range(1, MAX_WIDTH), Length(MAX_LAYERS)] = (400, 300)
     activation: Activation = "relu"
     dropout: Annotated[float, Range(0, 0.95)] = 0.0
     layer_norm: bool = False

@@ -19,6 +19,8 @@ def dropout_masks(shapes: Sequence[tuple[int, ...]], probability: float, generat
     One draw serves all masks, and four units share one of its 64-bit words, several times faster than a Bernoulli draw
     each; the probability is met to 2⁻¹⁶.
     """
+    if isinstance(generator, torch.Generator) and generator.device.type != "cpu":
+        return [_drawn(shape, probability, generator) for shape in shapes]
     ends = list(accumulate(map(math.prod, shapes), initial=0))
     dropped = round(probability * 2**16)
     draws = _words((ends[-1] + 3) // 4, generator).view(np.uint16)
@@ -26,6 +28,12 @@ def dropout_masks(shapes: Sequence[tuple[int, ...]], probability: float, generat
     factors *= np.float32(2**16 / (2**16 - dropped))
     parts = zip(pairwise(ends), shapes, strict=True)
     return [torch.from_numpy(factors[start:end].reshape(shape)) for (start, end), shape in parts]
+
+
+def _drawn(shape: tuple[int, ...], probability: float, generator: torch.Generator) -> Tensor:
+    """A mask that is made on the generator's device."""
+    kept = torch.rand(shape, generator=generator, device=generator.device) >= probability
+    return kept / (1.0 - probability)
 
 
 def _words(count: int, generator: Generator) -> NDArray[np.integer]:

@@ -11,7 +11,7 @@ from rled_msgs_py.errors import RledError
 from torch import Tensor, nn
 from torch.nn import functional
 
-from rled_agent.nn.architecture import MOST_WEIGHTS, SLOPE, Architecture, Weights
+from rled_agent.nn.architecture import MAX_WEIGHTS, SLOPE, Architecture, Weights
 from rled_agent.nn.dropout import Generator, dropout_masks
 
 
@@ -30,7 +30,7 @@ class Perceptron(nn.Module):
         squash: end in a hyperbolic tangent.
 
     Raises:
-        RledError: more weights than ``MOST_WEIGHTS``, before any memory is taken.
+        RledError: more weights than ``MAX_WEIGHTS``, before any memory is taken.
 
     Attributes:
         weights: of each layer, (e, inputs, outputs).
@@ -51,9 +51,9 @@ class Perceptron(nn.Module):
         self.architecture, self.members, self.squash = architecture, members, squash
         self.sizes = (inputs, *architecture.hidden, outputs)
         shapes = list(pairwise(self.sizes))
-        if members * sum((fan_in + 1) * fan_out for fan_in, fan_out in shapes) > MOST_WEIGHTS:
+        if members * sum((fan_in + 1) * fan_out for fan_in, fan_out in shapes) > MAX_WEIGHTS:
             units = " x ".join(map(str, self.sizes))
-            raise RledError(f"networks of {units} units", f"{MOST_WEIGHTS:,} weights at most", "choose fewer units")
+            raise RledError(f"networks of {units} units", f"{MAX_WEIGHTS:,} weights at most", "choose fewer units")
         drawn = [_drawn(members, *shape, architecture.weights, generator) for shape in shapes]
         self.weights = nn.ParameterList(weight for weight, _ in drawn)
         self.biases = nn.ParameterList(bias for _, bias in drawn)
@@ -73,7 +73,7 @@ class Perceptron(nn.Module):
     @torch.no_grad()
     def vector(self) -> NDArray[np.float32]:
         """All weights and biases as one vector."""
-        return torch.cat([each.flatten() for each in self.parameters()]).numpy()
+        return torch.cat([each.flatten() for each in self.parameters()]).cpu().numpy()
 
     @torch.no_grad()
     def load_vector(self, vector: NDArray[np.float32]) -> None:
@@ -135,11 +135,13 @@ class Perceptron(nn.Module):
         return [mask.to(self.weights[0]) for mask in dropout_masks(shapes, self.architecture.dropout, generator)]
 
 
-def parameter_shapes(inputs: int, outputs: int, architecture: Architecture) -> dict[str, tuple[int, ...]]:
-    """Shapes of the parameters, by name, of a perceptron of one member, which is not made for it."""
+def parameter_shapes(
+    inputs: int, outputs: int, architecture: Architecture, members: int = 1
+) -> dict[str, tuple[int, ...]]:
+    """Shapes of the parameters, by name, of a perceptron, which is not made for it."""
     shapes: dict[str, tuple[int, ...]] = {}
     for k, (before, after) in enumerate(pairwise((inputs, *architecture.hidden, outputs))):
-        shapes |= {f"weights.{k}": (1, before, after), f"biases.{k}": (1, 1, after)}
+        shapes |= {f"weights.{k}": (members, before, after), f"biases.{k}": (members, 1, after)}
     return shapes
 
 
@@ -147,7 +149,9 @@ def _drawn(
     members: int, fan_in: int, fan_out: int, way: Weights, generator: torch.Generator
 ) -> tuple[nn.Parameter, nn.Parameter]:
     """Random weights and biases of one layer."""
-    weight, bias = torch.zeros(members, fan_in, fan_out), torch.zeros(members, 1, fan_out)
+    weight, bias = (
+        torch.zeros(members, *shape, device=generator.device) for shape in ((fan_in, fan_out), (1, fan_out))
+    )
     if way == "glorot":
         bound = math.sqrt(6.0 / (fan_in + fan_out))
         weight.uniform_(-bound, bound, generator=generator)

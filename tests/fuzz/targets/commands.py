@@ -5,7 +5,7 @@ import io
 from functools import lru_cache
 from pathlib import Path
 
-from rled_agent.agent_params import AgentParams
+from rled_agent.nodes.agent_params import AgentParams
 from rled_msgs_py.params import build, parameters_of, parse_command_line
 from rled_sim.robots import robot_named
 from rled_sim.sim_params import SimParams, limits_of

@@ -3,7 +3,7 @@
 from functools import lru_cache
 from pathlib import Path
 
-from rled_agent.run_directory import RunDirectory
+from rled_agent.training.run_directory import RunDirectory
 
 from .. import agent
 from ..mutators.lines import mutate as mutate

@@ -4,7 +4,7 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from rled_agent.policy import load_policy
+from rled_agent.nn.policy import load_policy
 
 from .. import agent
 from ..mutators.tensors import mutate as mutate

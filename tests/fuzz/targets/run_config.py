@@ -4,8 +4,8 @@ import json
 from functools import lru_cache
 from pathlib import Path
 
-from rled_agent.config import TrainConfig
-from rled_agent.run_directory import RunDirectory
+from rled_agent.training.config import TrainConfig
+from rled_agent.training.run_directory import RunDirectory
 
 from .. import agent
 from ..mutators.objects import json_text as mutate

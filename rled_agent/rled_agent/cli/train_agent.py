@@ -1,0 +1,204 @@
+"""Command: reinforcement learning from a bag of demonstrations, in process or over the graph."""
+
+import difflib
+import inspect
+import json
+import sys
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import torch
+import tyro
+from rled_msgs_py.bags import Bag
+from rled_msgs_py.errors import RledError, command_line
+from rled_msgs_py.kinds import Range, check_kinds
+from rled_msgs_py.stopping import stop_requested
+
+from rled_agent.bounds import MANY, Share
+from rled_agent.cli.presets import PRESETS, Preset, all_presets
+from rled_agent.data.corruption import Corruption
+from rled_agent.data.opening import open_demonstrations
+from rled_agent.methods import methods
+from rled_agent.nn.policy import load_policy, policy_file
+from rled_agent.training.config import TrainConfig
+from rled_agent.training.digests import bag_digest, file_digest
+from rled_agent.training.environments import Environment, require_robot_of, task_of
+from rled_agent.training.resuming import require_same_run
+from rled_agent.training.run import Inputs, Run, composed, train
+from rled_agent.training.run_directory import RunDirectory
+
+PROGRAM = "train_agent"
+USAGE = f"""usage: {PROGRAM} NAME [options]     NAME is a preset or a method; its options: {PROGRAM} NAME --help
+       {PROGRAM} --list             all presets and methods in a table
+
+Learn from demonstrations and experience; a run is a folder with settings, metrics, checkpoint and policy. For example:
+  {PROGRAM} planar_mc_tuned --bag bags/planar_lemniscate --expert out/expert --output out/run
+"""
+
+
+@dataclass(frozen=True)
+class Options:
+    """Learn from demonstrations and experience; the run is a folder with settings, metrics, checkpoint and policy."""
+
+    config: Annotated[TrainConfig, tyro.conf.arg(name="")]
+    """settings of the run"""
+    output: Path
+    """folder of the run"""
+    bag: Path | None = None
+    """demonstrations: rosbag2 folder or .mcap file; episodes start where its motions do"""
+    expert: Path | None = None
+    """weights that train_expert wrote, or their folder"""
+    source: Literal["points", "trajectories"] = "points"
+    """points: every pair of marked points, joined in closed form; trajectories: the motions as recorded, by anybody"""
+    points: Annotated[int, Range(0, MANY)] = 0
+    """points only: take so many of them, evenly spaced in the order of the marks; 0 takes all"""
+    min_quality: Share = 0.0
+    """trajectories only: leave out episodes with a lower score, 0 to 1, as demos info shows it"""
+    corruption: Corruption = field(default_factory=Corruption)
+    """points only: make the demonstrations worse on purpose; give the expert that was cloned from as poor ones"""
+    over: Literal["process", "graph"] = "process"
+    """process: the environment in this process; graph: a running sim_node, in lockstep, over ROS 2 topics"""
+    resume: bool = False
+    """continue the run in the output folder, bit for bit in simulation; steps may grow, and files may lie elsewhere,
+    but what is in them and all other settings stay"""
+
+
+@command_line
+def main() -> None:
+    """Run the command."""
+    options = _parsed(sys.argv[1:])
+    if options is None:
+        return
+    torch.set_num_threads(1)
+    torch.set_flush_denormal(True)
+    check_kinds(options)
+    directory = RunDirectory(options.output)
+    if options.resume:
+        directory.require_resumable()
+    else:
+        directory.require_new()
+    bag = Bag(options.bag) if options.bag else None
+    if bag is not None:
+        require_robot_of(bag, options.config.env)
+    with composed(options.config, _inputs(options), _training_env(options)) as run:
+        _open(directory, options, run, bag)
+        with stop_requested() as stop:
+            train(run, directory, stop)
+    print(f"{run.trainer.step:,} of {options.config.schedule.steps:,} steps; the run is in {options.output}")
+
+
+def _parsed(arguments: list[str]) -> Options | None:
+    """The options, or None where only help was asked for.
+
+    Raises:
+        RledError: no preset or method of that name.
+    """
+    presets, name = all_presets(), arguments[0] if arguments else "--help"
+    if name == "--list":
+        print(_table())
+        return None
+    if name in ("-h", "--help"):
+        print(f"{USAGE}\n{_table()}")
+        return None
+    if name not in presets:
+        near = difflib.get_close_matches(name, presets, cutoff=0.5)
+        accepted = f"{', '.join(near)}" if near else ", ".join(presets)
+        what = f"no preset or method '{name[:80]}'" if not name.startswith("-") else "no preset or method is named"
+        raise RledError(what, accepted, f"see them all: {PROGRAM} --list")
+    return tyro.cli(
+        Options,
+        prog=f"{PROGRAM} {name}",
+        description=_description(name, presets[name]),
+        args=arguments[1:],
+        default=Options(presets[name].config, Path("out") / name),
+    )
+
+
+def _description(name: str, preset: Preset) -> str:
+    """What a method is, where it comes from and what it needs."""
+    method = type(preset.config.method)
+    said = inspect.getdoc(method) or ""
+    needs = f" Needs: {', '.join(method.needs)}." if method.needs else ""
+    is_preset = f"{name}: {preset.summary}.\n\n" if name in PRESETS else ""
+    return f"{is_preset}{preset.config.method.name}: {said}\n\n{method.paper}.{needs}"
+
+
+def _table() -> str:
+    """Presets and methods with their papers."""
+    presets = [(name, preset.config.method.name, preset.summary) for name, preset in PRESETS.items()]
+    known = [(name, ", ".join(each.needs) or "-", f"{each.title} ({each.paper})") for name, each in methods().items()]
+    wide = max(len(row[0]) for row in presets + known) + 2
+    next_wide = max(len(row[1]) for row in presets + known) + 2
+    lines = [f"{'preset':<{wide}}{'method':<{next_wide}}what it is"]
+    lines += [f"{name:<{wide}}{method:<{next_wide}}{summary}" for name, method, summary in presets]
+    lines += ["", f"{'method':<{wide}}{'needs':<{next_wide}}what it is"]
+    return "\n".join(lines + [f"{name:<{wide}}{needs:<{next_wide}}{title}" for name, needs, title in known])
+
+
+def _inputs(options: Options) -> Inputs:
+    demonstrations = None
+    if options.bag is not None:
+        demonstrations = open_demonstrations(
+            options.bag, options.source, options.min_quality, print, options.points, options.corruption
+        )
+    return Inputs(demonstrations, load_policy(options.expert) if options.expert is not None else None)
+
+
+def _training_env(options: Options) -> Callable[[Environment], Environment] | None:
+    """Makes the environment over the graph, where that is asked for."""
+    if options.over == "process":
+        return None
+    from rled_agent.nodes.graph_env import GraphEnv
+
+    def connect(evaluation_env: Environment) -> Environment:
+        task = task_of(evaluation_env)
+        if task is None:
+            raise RledError(f"no simulation on the graph runs env '{options.config.env}'", "an environment of rled")
+        env = GraphEnv()
+        task.require_same_robot(env.task, "the simulation")
+        if env.task.reward != task.reward:
+            raise RledError(
+                f"the simulation's reward is {env.task.reward}", task.reward, "start sim_node with --reward"
+            )
+        return env
+
+    return connect
+
+
+def _open(directory: RunDirectory, options: Options, run: Run, bag: Bag | None) -> None:
+    """Begin a run in its folder, or go on with the one there."""
+    record, trainer = _record(options, bag, run.trainer.env), run.trainer
+    if not options.resume:
+        directory.create(record)
+        if run.expert is not None:
+            directory.write_expert(trainer.evaluate_function(run.expert))
+        return
+    require_same_run(directory.config(), record, options.output)
+    repeats = trainer.restore(directory.load())
+    print(f"continuing at step {trainer.step:,}{'' if repeats else ', with a new episode'}")
+
+
+def _record(options: Options, bag: Bag | None, env: Environment) -> dict[str, Any]:
+    """What decides the run; of files, what they hold."""
+    simulated = task_of(env) if options.over == "graph" else None
+    demonstrations = {
+        "bag": str(options.bag),
+        "bag_sha256": bag_digest(bag) if bag is not None else None,
+        "expert": str(options.expert),
+        "expert_sha256": file_digest(policy_file(options.expert)) if options.expert is not None else None,
+        "source": options.source,
+        "points": options.points,
+        "min_quality": options.min_quality,
+        "corruption": asdict(options.corruption),
+        "over": options.over,
+        "simulation": asdict(simulated) if simulated is not None else None,
+    }
+    record = {"config": options.config.to_dict(), "demonstrations": demonstrations}
+    plain: dict[str, Any] = json.loads(json.dumps(record))
+    return plain
+
+
+if __name__ == "__main__":
+    main()

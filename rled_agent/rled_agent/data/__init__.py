@@ -1,0 +1,1 @@
+"""What is learned from: transitions, and demonstrations read from bags."""

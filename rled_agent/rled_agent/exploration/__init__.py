@@ -1,0 +1,1 @@
+"""Who acts: noise, policy reuse, the uncertainty gate, proposals, jump starts."""

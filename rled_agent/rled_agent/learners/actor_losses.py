@@ -1,0 +1,59 @@
+"""What an actor is improved by: differentiable functions of its actions, their values and the transitions."""
+
+from dataclasses import dataclass
+from typing import Annotated, Protocol
+
+import torch
+from rled_msgs_py.kinds import Range
+from torch import Tensor
+
+from rled_agent.nn.perceptron import Perceptron
+from rled_agent.replay.transitions import Transitions
+
+
+class ActorLoss(Protocol):
+    """A loss of an actor."""
+
+    def __call__(self, action: Tensor, q: Tensor, transitions: Transitions, critic: Perceptron) -> Tensor:
+        """A scalar.
+
+        Args:
+            action: of the actor, shape (b, n).
+            q: its value, shape (b, 1).
+            transitions: whose observations they are of.
+            critic: that gave the values; no gradient reaches its weights.
+        """
+        ...
+
+
+def policy_gradient(action: Tensor, q: Tensor, transitions: Transitions, critic: Perceptron) -> Tensor:
+    """−J_a, the deterministic policy gradient (Eq. 4.8)."""
+    return -q.mean()
+
+
+@dataclass(frozen=True)
+class Cloning:
+    """Cloning beside the policy gradient, of what a batch holds of demonstrations and people (Nair et al., 2018).
+
+    −J_a counts over the mean size of Q then, so that the weight means the same for any reward (Fujimoto and Gu, 2021).
+    """
+
+    weight: Annotated[float, Range(0, 1e6)] = 1.0
+    """of the cloning error (Eq. 4.10); 0 leaves it out"""
+    q_filter: bool = True
+    """clone only where the critic holds the demonstrated action for the better one"""
+
+    def loss(self) -> ActorLoss:
+        """The loss of an actor with these settings."""
+        return self._loss if self.weight else policy_gradient
+
+    def _loss(self, action: Tensor, q: Tensor, transitions: Transitions, critic: Perceptron) -> Tensor:
+        size = q.detach().abs().mean()
+        improvement = -q.mean() / torch.where(size > 0.0, size, 1.0)
+        demonstrated = transitions.demonstrated
+        error = (action - transitions.action).square().sum(dim=1, keepdim=True)  # (b, 1)
+        cloned = demonstrated
+        if self.q_filter:
+            shown = critic(torch.cat((transitions.observation, transitions.action), dim=1))[0]
+            cloned = demonstrated * (shown > q)
+        return improvement + self.weight * (error * cloned).sum() / demonstrated.sum().clamp(min=1.0)

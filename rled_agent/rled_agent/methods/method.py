@@ -1,0 +1,101 @@
+"""What a method is: settings, and what they are composed into. Training knows no more of it than this."""
+
+from collections.abc import Callable
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+import torch
+from rled_msgs_py.errors import RledError
+
+from rled_agent.exploration.strategy import PolicyFunction, Strategy
+from rled_agent.nn.policy import GateSettings
+from rled_agent.replay.replay import Replay, Sampler
+from rled_agent.replay.uniform import UniformReplay
+
+
+class Problem(NamedTuple):
+    """What a method is built for.
+
+    Attributes:
+        observation_size: o.
+        action_size: n.
+        capacity: transitions that are kept for replay.
+        generator: of everything drawn for acting and of demonstrations.
+        torch_generator: of weights, batches and noise in updates; its device is that of all tensors.
+        expert: π̂ᵈ for normalised observations, of any shape (..., o); None without one.
+        demonstrations: makes the demonstrated transitions for a discount γ; None without demonstrations.
+    """
+
+    observation_size: int
+    action_size: int
+    capacity: int
+    generator: np.random.Generator
+    torch_generator: torch.Generator
+    expert: PolicyFunction | None = None
+    demonstrations: Callable[[float], Sampler] | None = None
+
+    def replay(self) -> UniformReplay:
+        """An empty buffer of the problem's sizes."""
+        return UniformReplay(self.observation_size, self.action_size, self.capacity, self.torch_generator)
+
+    def require_expert(self, who: str) -> PolicyFunction:
+        """The expert.
+
+        Raises:
+            RledError: there is none.
+        """
+        if self.expert is None:
+            raise RledError(f"{who} needs an expert", "--bag and --expert", "clone one with train_expert")
+        return self.expert
+
+
+class Learning(NamedTuple):
+    """What learns.
+
+    Attributes:
+        learner: networks and their update.
+        replay: what experience is put into.
+        batches: what the learner's batches are drawn from.
+        gamma: γ, of the transitions that are put in.
+    """
+
+    learner: Any
+    replay: Replay
+    batches: Sampler
+    gamma: float
+
+
+class Method:
+    """Base of all methods: a frozen dataclass of settings, with bounds beside the fields.
+
+    Attributes:
+        title: what it is, in a line.
+        paper: where it comes from.
+        needs: what it cannot do without: ``expert``, ``demonstrations``.
+    """
+
+    title: ClassVar[str]
+    paper: ClassVar[str]
+    needs: ClassVar[tuple[str, ...]] = ()
+
+    @property
+    def name(self) -> str:
+        """Name of its file."""
+        return type(self).__module__.rpartition(".")[2]
+
+    @property
+    def gate(self) -> GateSettings | None:
+        """What a gate compares that the policy learns behind; it travels in the policy's file."""
+        return None
+
+    def learning(self, problem: Problem) -> Learning:
+        """Make what learns; weights are drawn first."""
+        raise NotImplementedError
+
+    def strategy(self, problem: Problem, learner: Any) -> Strategy:
+        """Make who acts while it learns.
+
+        Raises:
+            RledError: it needs an expert, and there is none.
+        """
+        raise NotImplementedError

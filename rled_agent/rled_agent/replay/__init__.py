@@ -1,0 +1,1 @@
+"""Replay buffers: uniform, n-step, prioritised, and mixtures of them by share."""

@@ -1,0 +1,49 @@
+"""What a learner draws its batches from."""
+
+from typing import Any
+
+from torch import Tensor
+
+from rled_agent.replay.transitions import Step, Transitions
+
+
+class Sampler:
+    """Gives batches of transitions."""
+
+    def __len__(self) -> int:
+        """Transitions held."""
+        raise NotImplementedError
+
+    def sample(self, size: int) -> Transitions:
+        """Draw transitions, with replacement; what is drawn is valid until the next call."""
+        raise NotImplementedError
+
+    def update_priorities(self, indices: Tensor, td_error: Tensor) -> None:
+        """Take the errors, shape (b,), that a learner found for the transitions of the last batch, shape (b,)."""
+
+
+class Replay(Sampler):
+    """A sampler that experience is put into."""
+
+    def add(self, step: Step) -> None:
+        """Store one step of an episode."""
+        raise NotImplementedError
+
+    def extend(self, transitions: Transitions) -> None:
+        """Store transitions, in order."""
+        raise NotImplementedError
+
+    def cut(self) -> None:
+        """The episode that was under way goes on no further."""
+
+    def state_dict(self) -> dict[str, Any]:
+        """All state but the generator: tensors, which share memory, and plain values."""
+        raise NotImplementedError
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from ``state``.
+
+        Raises:
+            RledError: it is of another buffer.
+        """
+        raise NotImplementedError

@@ -1,0 +1,112 @@
+"""Making the environments that a run acts in and is looked at in."""
+
+from typing import Any, Protocol, TypeAlias, runtime_checkable
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+from rled_msgs_py.bags import Bag
+from rled_msgs_py.errors import RledError
+from rled_msgs_py.task import TaskDescription
+
+from rled_agent.nn.scaling import Floats
+from rled_agent.training.config import TrainConfig
+from rled_sim import ENVIRONMENTS  # which registers them
+
+Environment: TypeAlias = gymnasium.Env[Any, Any]
+Box = gymnasium.spaces.Box
+
+
+@runtime_checkable
+class Asynchronous(Protocol):
+    """An environment that is not in this process, so that it can move while this process learns."""
+
+    def begin(self, action: Any) -> None:
+        """Send the action of the next ``step`` already."""
+        ...
+
+
+def is_repeatable(env: Environment) -> bool:
+    """Whether an episode begun with the same seed and driven by the same actions is the same again.
+
+    A simulation is; an arm is not, and would make motions that nobody asked for. An environment that does not say is
+    taken for a simulation.
+    """
+    return bool(getattr(env.unwrapped, "is_repeatable", True))
+
+
+def make_environment(config: TrainConfig, start_joints: NDArray[np.float64] | None) -> Environment:
+    """The environment of a run.
+
+    Args:
+        config: names environment, reward, targets and faults.
+        start_joints: joint angles that episodes start at (rad), shape (k, n): those of ζᵃ (Algorithm 2).
+
+    Raises:
+        RledError: no such environment, or spaces that the learner can't use.
+    """
+    options: dict[str, Any] = {} if config.reward == "own" else {"reward": config.reward}
+    if config.target_spread:
+        options["target_spread"] = config.target_spread
+    if config.faults.any:
+        options["faults"] = config.faults
+    if start_joints is not None:
+        options["start_joints"] = start_joints
+    try:
+        env = gymnasium.make(config.env, **options)
+    except (gymnasium.error.Error, ImportError, ValueError) as error:
+        why = " ".join(str(error).split())[:200]
+        raise RledError(
+            f"env '{config.env[:80]}': {why}", "an id that Gymnasium knows, as rled/PandaReach-v0"
+        ) from None
+    except TypeError as error:
+        why = str(error).partition(" was raised from ")[0]  # what follows repeats the options, arrays and all
+        raise RledError(f"env '{config.env}' takes no {', '.join(options)}", "reward own, no bag", why) from None
+    check_spaces(env, config.method.name)
+    return env
+
+
+def environment_of(robot: str) -> str:
+    """Name of a robot's environment.
+
+    Raises:
+        RledError: it has none.
+    """
+    if robot not in ENVIRONMENTS:
+        raise RledError(f"robot '{robot[:80]}' has no environment", f"one of {', '.join(ENVIRONMENTS)}")
+    return ENVIRONMENTS[robot]
+
+
+def require_robot_of(bag: Bag, env: str) -> None:
+    """Refuse demonstrations of another robot than an environment's.
+
+    Raises:
+        RledError: names the environment that fits the bag.
+    """
+    robot = next((each for each, name in ENVIRONMENTS.items() if name == env), None)
+    if robot is not None and bag.task.robot != robot:
+        what = f"bag {bag.path} is of robot {bag.task.robot}, env {env} of {robot}"
+        raise RledError(what, f"a bag of {robot}", f"or --env {environment_of(bag.task.robot)}")
+
+
+def check_spaces(env: Environment, who: str) -> None:
+    """Refuse spaces other than flat boxes.
+
+    Raises:
+        RledError: names the space, and the method that it does not serve.
+    """
+    for name, space in (("action", env.action_space), ("observation", env.observation_space)):
+        if not isinstance(space, Box) or len(space.shape) != 1:
+            raise RledError(f"{who} cannot serve the {name} space {space}", "a Box of one dimension")
+
+
+def bounds(space: gymnasium.Space[Any]) -> tuple[Floats, Floats]:
+    """Least and greatest member of a box, shape (k,) each."""
+    assert isinstance(space, Box)
+    return space.low.astype(np.float64), space.high.astype(np.float64)
+
+
+def task_of(env: Environment) -> TaskDescription | None:
+    """The task of one of this project's environments, else None."""
+    task = getattr(env.unwrapped, "task", None)
+    return task if isinstance(task, TaskDescription) else None

@@ -1,0 +1,118 @@
+"""What learning has come to, as tensors and plain values by name, and back."""
+
+import shlex
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from rled_msgs_py.errors import RledError
+from rled_msgs_py.kinds import LARGEST
+from torch import Tensor
+
+from rled_agent.methods.method import Learning
+from rled_agent.nn.tensor_file import TensorFileError
+from rled_agent.training.checkpoint import Checkpoint
+from rled_agent.training.digests import file_digest
+
+
+def pack(**parts: dict[str, Any]) -> Checkpoint:
+    """The state of several parts; tensors share memory with them.
+
+    Args:
+        parts: state by name, of each part.
+    """
+    flat = {f"{part}.{name}": value for part, state in parts.items() for name, value in state.items()}
+    tensors = {name: value for name, value in flat.items() if isinstance(value, Tensor)}
+    return Checkpoint(tensors, {name: value for name, value in flat.items() if name not in tensors})
+
+
+def part_of(checkpoint: Checkpoint, part: str) -> dict[str, Any]:
+    """The state of one part.
+
+    Raises:
+        KeyError: there is none.
+    """
+    flat: dict[str, Any] = checkpoint.tensors | checkpoint.state
+    state = {name.removeprefix(f"{part}."): each for name, each in flat.items() if name.startswith(f"{part}.")}
+    if not state:
+        raise KeyError(part)
+    return state
+
+
+def learning_state(learning: Learning) -> dict[str, dict[str, Any]]:
+    """Of learner, replay and what draws for them, to be packed."""
+    generator = {"state": learning.learner.generator.get_state()}
+    return {"learner": learning.learner.state_dict(), "replay": learning.replay.state_dict(), "generator": generator}
+
+
+def restore_learning(checkpoint: Checkpoint, learning: Learning) -> None:
+    """Go on from a checkpoint's ``learning_state``.
+
+    Raises:
+        KeyError, TypeError, ValueError, RuntimeError, RledError: it is not as it was written.
+    """
+    replay, learner = part_of(checkpoint, "replay"), part_of(checkpoint, "learner")
+    learner["updates"] = whole_number(learner, "updates")
+    if "added" in replay:
+        replay["added"] = whole_number(replay, "added")
+    learning.replay.load_state_dict(replay)
+    learning.learner.load_state_dict(learner)
+    learning.learner.generator.set_state(part_of(checkpoint, "generator")["state"])
+
+
+def whole_number(state: dict[str, Any], name: str) -> int:
+    """A count of a state.
+
+    Raises:
+        TensorFileError: it is none.
+    """
+    value = state[name]
+    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value < LARGEST:
+        raise TensorFileError(f"the checkpoint says {str(value)[:40]} as {name}", "a whole number, 0 or more")
+    return value
+
+
+@contextmanager
+def restoring(what: str) -> Iterator[None]:
+    """Make one error of whatever a state that is not as it was written leads to.
+
+    Raises:
+        TensorFileError: names what is missing or of another kind.
+    """
+    try:
+        yield
+    except TensorFileError:
+        raise
+    except RledError as error:
+        raise TensorFileError(f"{what}: {error.what}", error.accepted, "begin again without it") from None
+    except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError, RuntimeError) as error:
+        why = f"no {error}" if isinstance(error, KeyError) else " ".join(str(error).split())[:200]
+        raise TensorFileError(f"{what} is not as it was written ({why})", "", "begin again without it") from None
+
+
+def origin_of(policy: Path) -> dict[str, str]:
+    """What a learning state keeps of the policy that it begins with.
+
+    Raises:
+        RledError: the policy cannot be read.
+    """
+    return {"policy": str(policy), "policy_sha256": file_digest(policy)}
+
+
+def require_origin(state: dict[str, Any], path: Path, policy: Path) -> None:
+    """Refuse what another policy has learned; the same policy in another place is the same.
+
+    Args:
+        state: of the learning state.
+        path: where it lies.
+        policy: to go on with.
+
+    Raises:
+        TensorFileError: says with which one it began.
+    """
+    if state.get("origin.policy_sha256") != origin_of(policy)["policy_sha256"]:
+        what = f"{path} holds what another policy than {policy} has learned"
+        began = shlex.quote(str(state.get("origin.policy", "POLICY"))[:200])
+        remedy = f"go on with --agent {began}, or name another --learning-state"
+        raise TensorFileError(what, "the state of this policy", remedy)
