@@ -112,6 +112,15 @@ class GraphEnv(gymnasium.Env[Floats, Floats]):
         most = self.task.max_delta
         self.action_space = gymnasium.spaces.Box(-most, most, (self.task.action_size,), np.float32)
 
+    @property
+    def is_repeatable(self) -> bool:
+        """Whether the same seed and actions give the same episode again, as of a simulation in lockstep.
+
+        Raises:
+            RledError: no answer.
+        """
+        return self._restart.is_repeatable()
+
     def __reduce_ex__(self, _: Any) -> NoReturn:
         """Refuse a copy.
 
