@@ -251,26 +251,3 @@ def _describe(robot: Robot, **settings: Any) -> TaskDescription:
         period=PERIOD,
         **settings,
     )
-
-
-class Judged(NamedTuple):
-    reward: Any
-    reached: Any
-    risky: Any
-
-
-def _judge(self: ReachTask, q: Any, position: Any, target: Any) -> Judged:
-    squared = np.square(position - target).sum(axis=1)
-    reached = squared < self.description.tolerance
-    risky = np.array([self.risky(a, tuple(b)) for a, b in zip(q.tolist(), position.tolist(), strict=True)])
-    reward = np.where(reached, self.description.reward_reached, 0.0) - (squared if self.description.reward == "dense" else 0.0) - self.penalty * risky
-    return Judged(reward, reached, risky)
-
-
-ReachTask.judge = _judge  # type: ignore
-
-
-def task_of_description(description: TaskDescription) -> ReachTask:
-    from rled_sim.robots import robot_named
-
-    return replace(reach_task(robot_named(description.robot)), description=description)
