@@ -72,7 +72,7 @@ class Driver:
         self.paused = self.stopped = False
         self._simulation, self._give, self._taken = simulation, give, taken
         self._rng = np.random.default_rng(seed)
-        self.line = Line(faults, simulation.task.description, simulation.world.robot.chain.position)
+        self.line = Line(faults, simulation.task.description, simulation.plant.robot.chain.position)
         self.line.seed(seed)
         self._pending: list[float] | None = None
         self._answered = -1
@@ -151,7 +151,7 @@ class Driver:
         released = self.stopped and not on
         self.stopped, self._pending, self._last = on, None, None
         if on:
-            self._simulation.world.halt()
+            self._simulation.plant.halt()
             self.line.halt()
         elif released and self.rules.mode == "lockstep":
             self._hold()

@@ -16,11 +16,12 @@ from rled_msgs_py.task import TaskDescription
 
 from rled_sim.commands import ROUNDING, Code, Refused, too_large
 from rled_sim.kinematics import Chain
+from rled_sim.plant import Contact
 
 Array = NDArray[np.float64]
 Rule = tuple[Callable[..., "Refused | None"], tuple[Any, ...]]
 """How a motion is judged, and what by; called with guard, what by, and motion."""
-Touches = Callable[[Array], Mapping[tuple[str, str], float]]
+Touches = Callable[[Array], Mapping[Contact, float]]
 """From joint angles (rad) to what would touch, a link of the robot and the other body, and how deep (m)."""
 
 FLOOR = "floor"
@@ -144,10 +145,10 @@ class Guard:
     def _judge_collisions(self, touches: Touches, motion: Motion) -> Refused | None:
         after = touches(motion.q + motion.delta)
         before = touches(motion.q) if after else {}
-        for (link, other), deep in after.items():
-            if deep > before.get((link, other), 0.0) + SLACK:
-                code = Code.CONTACT if other == FLOOR else Code.SELF_COLLISION
-                return Refused(code, f"{link} would touch {other}", "no contact")
+        for contact, deep in after.items():
+            if deep > before.get(contact, 0.0) + SLACK:
+                code = Code.CONTACT if contact.other == FLOOR else Code.SELF_COLLISION
+                return Refused(code, f"{contact.link} would touch {contact.other}", "no contact")
         return None
 
 

@@ -118,7 +118,7 @@ class SimNode(Node):
         for topic, output, record in zip(STATE_TOPICS, self._outputs, records, strict=True):
             output.publish(encode(topic, record))
         self._view.add(tick)
-        self._report.tick(self._simulation.world.contacts() if self._simulation.world.physical else ())
+        self._report.tick(self._simulation.plant.contacts() if self._simulation.plant.physical else ())
         if self._simulation.refused is not None:
             self._refuse(self._simulation.refused)
 
@@ -187,7 +187,7 @@ class SimNode(Node):
         """Close the world with the node."""
         super().destroy_node()
         if hasattr(self, "_simulation"):
-            self._simulation.world.close()
+            self._simulation.plant.close()
 
 
 def _simulations(node: Node) -> int:

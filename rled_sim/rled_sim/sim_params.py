@@ -9,13 +9,13 @@ from rled_msgs_py.errors import RledError
 from rled_msgs_py.limits import Limits, Zone
 from rled_msgs_py.params import param
 
+from rled_sim.bullet.world import World
 from rled_sim.driver import Rules
 from rled_sim.faults import Faults, hidden_names
 from rled_sim.robots import ROBOTS, Robot, robot_named
 from rled_sim.simulation import Simulation
 from rled_sim.starts import marked_joints
-from rled_sim.tasks import MOST_SPREAD, reach_task, require_task
-from rled_sim.world import World
+from rled_sim.tasks import MAX_TARGET_SPREAD, reach_task, require_task
 
 
 def _fixed(default: Any, description: str, **limits: Any) -> Any:
@@ -43,7 +43,7 @@ class _OwnParams:
         0.0,
         "how far beside the curve a target lies at most, along each axis of the task (m)",
         low=0.0,
-        high=MOST_SPREAD,
+        high=MAX_TARGET_SPREAD,
     )
     start_points: str = _fixed("", "bag whose marked points episodes start at; empty: the robot's home")
     joint_margin: float = _fixed(

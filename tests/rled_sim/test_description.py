@@ -10,11 +10,11 @@ import numpy as np
 import pybullet
 import pytest
 import yourdfpy
+from rled_sim.bullet.world import World
 from rled_sim.description import mesh_path, publishable
 from rled_sim.kinematics import Chain
 from rled_sim.robot_description import main
 from rled_sim.robots import ROBOTS, Robot
-from rled_sim.world import World
 from scipy.spatial.transform import Rotation
 
 PACKAGE = Path(__file__).parents[2] / "rled_sim"
@@ -72,14 +72,15 @@ def test_all_hangs_on_world_and_every_joint_that_moves_is_in_joint_states(robot:
 @EVERY
 def test_the_frames_are_those_of_the_simulation_with_what_is_held(robot: Robot, prefix: Path) -> None:
     urdf, world = loaded(robot.description, prefix), World(robot, "kinematic", 0.02)
-    links = {pybullet.getJointInfo(world._body, k, world._client)[12].decode(): k for k in range(_joints(world))}
+    body, client = world._body.number, world._client.number
+    links = {pybullet.getJointInfo(body, k, client)[12].decode(): k for k in range(_joints(world))}
     generator = np.random.default_rng(0)
     for _ in range(5):
         q = generator.uniform(robot.lower, robot.upper)
         world.place(q.tolist())
         urdf.update_cfg(dict(zip(robot.joint_names, q, strict=True)))
         for link, index in links.items():
-            state = pybullet.getLinkState(world._body, index, 0, 1, world._client)
+            state = pybullet.getLinkState(body, index, 0, 1, client)
             frame = urdf.get_transform(link, "world")
             np.testing.assert_allclose(frame[:3, 3], state[4], atol=1e-5)
             turned = Rotation.from_matrix(frame[:3, :3]) * Rotation.from_quat(state[5]).inv()
@@ -91,7 +92,7 @@ def test_the_frames_are_those_of_the_simulation_with_what_is_held(robot: Robot, 
 
 
 def _joints(world: World) -> int:
-    return int(pybullet.getNumJoints(world._body, world._client))
+    return int(pybullet.getNumJoints(world._body.number, world._client.number))
 
 
 @EVERY

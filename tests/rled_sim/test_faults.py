@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 from rled_msgs_py.errors import ContractError, RledError
 from rled_msgs_py.records import DeltaCommand, JointSample, PoseSample, TaskStatus
 from rled_msgs_py.tick import Tick
+from rled_sim.bullet.world import World
 from rled_sim.driver import Driver, Rules
 from rled_sim.faults import NO_FAULTS, Faults, Line
 from rled_sim.faulty_env import FaultyReach
 from rled_sim.robots import ROBOTS
 from rled_sim.simulation import Simulation
 from rled_sim.tasks import reach_task
-from rled_sim.world import World
 
 import rled_sim  # noqa: F401
 

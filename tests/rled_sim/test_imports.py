@@ -22,15 +22,16 @@ def imports(path):
 
 
 @pytest.mark.parametrize(
-    "module", ["rled_sim", "rled_sim.kinematics", "rled_sim.robots", "rled_sim.tasks", "rled_sim.limits"]
+    "module",
+    ["rled_sim", "rled_sim.kinematics", "rled_sim.robots", "rled_sim.tasks", "rled_sim.limits", "rled_sim.driver"],
 )
 def test_module_loads_neither_pybullet_nor_ros(module):
     command = [sys.executable, "-c", LOADED.format(module)]
     assert subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip() == ""
 
 
-def test_one_module_imports_pybullet():
-    assert [path.name for path in PACKAGE.glob("*.py") if "pybullet" in imports(path)] == ["world.py"]
+def test_one_folder_imports_pybullet():
+    assert {path.parent.name for path in PACKAGE.rglob("*.py") if "pybullet" in imports(path)} == {"bullet"}
 
 
 def test_only_the_node_and_its_markers_import_ros():
@@ -39,5 +40,7 @@ def test_only_the_node_and_its_markers_import_ros():
 
 
 def test_importing_the_world_prints_nothing():
-    done = subprocess.run([sys.executable, "-c", "import rled_sim.world"], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", "import rled_sim.bullet.world"], capture_output=True, text=True, check=True
+    )
     assert done.stdout + done.stderr == ""

@@ -11,6 +11,7 @@ from rled_msgs_py.errors import RledError
 from rled_msgs_py.limits import Limits, Zone
 from rled_sim.commands import Code
 from rled_sim.limits import Guard, depth
+from rled_sim.plant import Contact
 from rled_sim.robots import ROBOTS
 from rled_sim.tasks import reach_task
 
@@ -149,8 +150,8 @@ class TestCollisions:
 
     @staticmethod
     def touches(q):
-        deep = {("forearm", "base"): 0.01}
-        return deep | {("forearm", "floor"): q[1] - 1.0} if q[1] > 1.0 else deep
+        deep = {Contact("forearm", "base"): 0.01}
+        return deep | {Contact("forearm", "floor"): q[1] - 1.0} if q[1] > 1.0 else deep
 
     judge = guard(touches.__func__, collisions=True)
 
@@ -166,7 +167,7 @@ class TestCollisions:
         assert code(self.judge, (0.0, 1.05), (0.0, 0.01)) is Code.CONTACT
 
     def test_another_link_is_a_collision_with_itself(self):
-        judge = guard(lambda q: {("forearm", "base"): max(q[0], 0.0)}, collisions=True)
+        judge = guard(lambda q: {Contact("forearm", "base"): max(q[0], 0.0)}, collisions=True)
         assert code(judge, (0.0, 0.0), (0.1, 0.0)) is Code.SELF_COLLISION
 
     def test_whoever_cannot_tell_leaves_them_to_others(self):
@@ -174,7 +175,7 @@ class TestCollisions:
 
 
 EVERYTHING = guard(
-    lambda q: {("forearm", "floor"): 1.0},
+    lambda q: {Contact("forearm", "floor"): 1.0},
     joint_lower=(-1.0, 0.5),
     joint_upper=(1.0, 2.0),
     velocity=(3.0, 3.0),
