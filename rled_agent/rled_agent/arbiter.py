@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from rled_msgs_py.records import Actor, GateCode, Level
-from rled_sim.limits import Guard
+from rled_sim.motion_guard import Guard
 
 Vector = NDArray[np.float64]
 Source = Callable[[], Vector]

@@ -89,8 +89,8 @@ class ReachEnv(gymnasium.Env[Floats, Floats]):
         self._axes, self._relative = self.task.axes, self.task.observation == "displacement_and_joints"
         lower, upper = self.task.observation_bounds()
         self.observation_space = gymnasium.spaces.Box(lower.astype(np.float32), upper.astype(np.float32))
-        most = self.task.max_delta
-        self.action_space = gymnasium.spaces.Box(-most, most, (self.task.action_size,), np.float32)
+        largest = self.task.max_delta
+        self.action_space = gymnasium.spaces.Box(-largest, largest, (self.task.action_size,), np.float32)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Floats, dict[str, Any]]:
         """Begin an episode; a seed begins the random draws anew.

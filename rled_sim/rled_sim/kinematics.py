@@ -47,7 +47,7 @@ class Chain:
         """The chain from the root of a URDF to ``tip_link``; joints not named stay at 0.
 
         Raises:
-            RledError: not a URDF, no such link, or a named joint that is not one revolute joint on the way.
+            RledError: not a URDF, no such link, or a named joint that is not one revolute joint of the path.
         """
         names = tuple(joint_names)
         links, tip = links_of(text, tip_link, names)
@@ -139,9 +139,9 @@ def solve_position(
         chain: the robot.
         target: point to reach in the root's frame (m), shape (3,).
         start: joint angles to begin at (rad), shape (n,).
-        lower: least joint angles (rad), shape (n,).
-        upper: greatest joint angles (rad), shape (n,).
-        tolerance: greatest distance from the target (m).
+        lower: lower joint limits (rad), shape (n,).
+        upper: upper joint limits (rad), shape (n,).
+        tolerance: largest distance from the target (m).
         iterations: steps from each beginning.
         restarts: beginnings after ``start``.
 
@@ -153,7 +153,7 @@ def solve_position(
     """
     goal, low, high = (np.asarray(each, dtype=np.float64) for each in (target, lower, upper))
     best = np.inf
-    for beginning in (np.asarray(start, dtype=np.float64), *_spread(low, high, restarts)):
+    for beginning in (np.asarray(start, dtype=np.float64), *_evenly_spread(low, high, restarts)):
         q, distance = _descend(chain, goal, np.clip(beginning, low, high), low, high, tolerance, iterations)
         if distance <= tolerance:
             return q
@@ -179,7 +179,7 @@ def _descend(
     return q, float(np.linalg.norm(goal - chain.position(q)))
 
 
-def _spread(lower: Array, upper: Array, count: int) -> Array:
+def _evenly_spread(lower: Array, upper: Array, count: int) -> Array:
     """Points spread evenly over a box by an additive recurrence, shape (count, n): the same on every call."""
     n = len(lower)
     root = 2.0

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rled_msgs_py.errors import RledError
 
-from rled_sim.joints import TURNING, Joint, joints_to, rotation_about
+from rled_sim.joints import REVOLUTE, Joint, joints_to, rotation_about
 
 Array = NDArray[np.float64]
 Coordinate = Any
@@ -71,16 +71,16 @@ def links_of(text: str, tip_link: str, names: tuple[str, ...]) -> tuple[list[Lin
     """The links of the named joints, base first, and the tip in the frame of the last (m); other joints stay at 0.
 
     Raises:
-        RledError: not a URDF, no such link, or a named joint that is not one revolute joint on the way.
+        RledError: not a URDF, no such link, or a named joint that is not one revolute joint of the path.
     """
     path = joints_to(text, tip_link)
-    turning = [joint.name for joint in path if joint.kind in TURNING]
+    turning = [joint.name for joint in path if joint.kind in REVOLUTE]
     missing = [name for name in names if name not in turning]
     if missing:
         raise RledError(f"no revolute joint {', '.join(missing)} moves '{tip_link}'", ", ".join(turning))
     order = [names.index(name) for name in turning if name in names]
     if len(order) > len(names):
-        raise RledError(f"the URDF has joints of one name on the way to '{tip_link}'", "a name for each joint")
+        raise RledError(f"the URDF has joints of one name between the root and '{tip_link}'", "a name for each joint")
     *fixed, end = _fixed_transforms(path, names)
     links = [Link(column, _rows(each)) for column, each in zip(order, fixed, strict=True)]
     return links, tuple(end.translation.tolist())

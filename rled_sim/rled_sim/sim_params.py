@@ -54,7 +54,7 @@ class _OwnParams:
     )
     velocity_share: float = _fixed(0.0, "refuse joint rates above this share of the URDF's; 0: any", low=0.0, high=1.0)
     acceleration: float = _fixed(0.0, "refuse to speed a joint up by more (rad/s²); 0: by any", low=0.0, high=1e6)
-    workspace: str = _fixed("", "box that the end effector stays in: least x y z, greatest x y z (m); empty: any")
+    workspace: str = _fixed("", "box that the end effector stays in: lower x y z, upper x y z (m); empty: any")
     keep_out: str = _fixed(
         "", "zones that it stays out of: 'box X Y Z LX LY LZ; sphere X Y Z R; cylinder X Y Z R H', centre first (m)"
     )

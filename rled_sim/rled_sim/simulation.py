@@ -11,7 +11,7 @@ from rled_msgs_py.records import PoseSample
 
 from rled_sim.commands import Refused
 from rled_sim.episode_state import Episode, Outcome
-from rled_sim.limits import Guard
+from rled_sim.motion_guard import Guard
 from rled_sim.plant import Plant
 from rled_sim.starts import start_points
 from rled_sim.target_request import requested_target
@@ -66,7 +66,7 @@ class Simulation:
         """Displace the joints by Δq (rad), n, clipped to ±Δq_max, and count the transition.
 
         Where a limit forbids it, the robot stays, and the step counts all the same: whoever learns sees that the action
-        led nowhere, and nobody waits for a lawful one.
+        led nowhere, and nobody waits for one within the limits.
 
         Raises:
             RledError: another number of joints, a NaN or an infinity, or no episode has begun.
@@ -75,8 +75,8 @@ class Simulation:
             raise RledError("no episode has begun", "", "call reset first")
         if len(delta) != self._size or not math.isfinite(sum(delta)):
             raise RledError(f"displacement {list(delta)}", f"{self._size} finite numbers (rad)")
-        most = self._max_delta
-        moved = [-most if each < -most else most if each > most else each for each in delta]
+        largest = self._max_delta
+        moved = [-largest if each < -largest else largest if each > largest else each for each in delta]
         if self._guard is not None:
             self.refused = self._guard.judge(self.plant.set_point, self._previous, moved)
             self._previous = moved if self.refused is None else [0.0] * self._size

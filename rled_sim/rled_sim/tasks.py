@@ -78,8 +78,8 @@ class ReachTask:
         """One of the targets, each as likely as the other, or a point anywhere around it."""
         point = self.targets[rng.integers(len(self.targets))].tolist()
         if self.target_spread:
-            axes, most = self.description.axes, self.target_spread
-            for axis, offset in zip(axes, rng.uniform(-most, most, len(axes)).tolist(), strict=True):
+            axes, spread = self.description.axes, self.target_spread
+            for axis, offset in zip(axes, rng.uniform(-spread, spread, len(axes)).tolist(), strict=True):
                 point[axis] += offset
         x, y, z = point
         return x, y, z

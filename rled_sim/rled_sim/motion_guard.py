@@ -1,6 +1,6 @@
 """Which displacements a robot may carry out: the last guard before the motors. Numpy alone, so any driver can call it.
 
-A limit never traps: what stays where it is is lawful, and so is what leads out of a place that is not. Speeding up is
+A limit never traps: to stay is always within the limits, and so is what leads out of a forbidden place. Speeding up is
 limited, braking is not, since the answer to a refusal is to stand still, the hardest braking there is.
 """
 
@@ -19,8 +19,8 @@ from rled_sim.kinematics import Chain
 from rled_sim.plant import Contact
 
 Array = NDArray[np.float64]
-Rule = tuple[Callable[..., "Refused | None"], tuple[Any, ...]]
-"""How a motion is judged, and what by; called with guard, what by, and motion."""
+Check = tuple[Callable[..., "Refused | None"], tuple[Any, ...]]
+"""How a proposal is judged, and what by; called with guard, what by, and proposal."""
 Touches = Callable[[Array], Mapping[Contact, float]]
 """From joint angles (rad) to what would touch, a link of the robot and the other body, and how deep (m)."""
 
@@ -31,7 +31,7 @@ SLACK = 1e-9
 """Rounding of angles (rad) and lengths (m)."""
 
 
-class Motion(NamedTuple):
+class Proposal(NamedTuple):
     """A displacement proposed in a state.
 
     Attributes:
@@ -62,9 +62,9 @@ class Guard:
         self._task, self._limits, self._period = task, limits, task.period * 1e-9
         if chain is None and (limits.tip_lower or limits.keep_out):
             raise RledError("limits of the end effector", "a kinematic chain", "give the guard one")
-        self._rules = list(self._rules_of(chain, touches))
+        self._checks = list(self._checks_of(chain, touches))
 
-    def _rules_of(self, chain: Chain | None, touches: Touches | None) -> Iterator[Rule]:
+    def _checks_of(self, chain: Chain | None, touches: Touches | None) -> Iterator[Check]:
         """Unbound, so that nothing refers to itself: a world that is dropped is then closed at once."""
         limits = self._limits
         if limits.joint_lower:
@@ -89,62 +89,64 @@ class Guard:
         Raises:
             RledError: vectors of another shape.
         """
-        motion = Motion(*(np.asarray(each, dtype=np.float64) for each in (q, previous, delta)))
-        for name, vector in zip(Motion._fields, motion, strict=True):
+        proposal = Proposal(*(np.asarray(each, dtype=np.float64) for each in (q, previous, delta)))
+        for name, vector in zip(Proposal._fields, proposal, strict=True):
             if vector.shape != (self._task.action_size,):
                 raise RledError(f"{name} of shape {vector.shape}", f"({self._task.action_size},)")
             if not is_finite(vector):
                 return Refused(Code.UNREADABLE, f"{name} holds {vector.tolist()}", "finite numbers (rad)")
-        refused = too_large(motion.delta, self._task.max_delta)
-        if refused is not None or not any(motion.delta.tolist()):
+        refused = too_large(proposal.delta, self._task.max_delta)
+        if refused is not None or not any(proposal.delta.tolist()):
             return refused
-        return next((found for rule, given in self._rules if (found := rule(self, *given, motion)) is not None), None)
+        return next(
+            (found for check, given in self._checks if (found := check(self, *given, proposal)) is not None), None
+        )
 
-    def _judge_range(self, lower: Array, upper: Array, motion: Motion) -> Refused | None:
-        after = motion.q + motion.delta
-        joint = _worst(_beyond(after, lower, upper), _beyond(motion.q, lower, upper))
+    def _judge_range(self, lower: Array, upper: Array, proposal: Proposal) -> Refused | None:
+        after = proposal.q + proposal.delta
+        joint = _worst(_beyond(after, lower, upper), _beyond(proposal.q, lower, upper))
         if joint is None:
             return None
         what = f"{self._task.joint_names[joint]} would be at {after[joint]:.6g} rad"
         return Refused(Code.JOINT_RANGE, what, f"{lower[joint]:.6g} to {upper[joint]:.6g} rad")
 
-    def _judge_velocity(self, most: Array, motion: Motion) -> Refused | None:
-        rate = np.abs(motion.delta) / self._period
-        joint = _worst(rate, most * (1.0 + ROUNDING))
+    def _judge_velocity(self, largest: Array, proposal: Proposal) -> Refused | None:
+        rate = np.abs(proposal.delta) / self._period
+        joint = _worst(rate, largest * (1.0 + ROUNDING))
         if joint is None:
             return None
         what = f"{self._task.joint_names[joint]} would turn at {rate[joint]:.6g} rad/s"
-        return Refused(Code.VELOCITY, what, f"at most {most[joint]:g} rad/s")
+        return Refused(Code.VELOCITY, what, f"at most {largest[joint]:g} rad/s")
 
-    def _judge_acceleration(self, most: Array, motion: Motion) -> Refused | None:
-        lower, upper = np.minimum(motion.previous, 0.0), np.maximum(motion.previous, 0.0)
-        growth = _beyond(motion.delta, lower, upper) / self._period**2
-        joint = _worst(growth, most * (1.0 + ROUNDING))
+    def _judge_acceleration(self, largest: Array, proposal: Proposal) -> Refused | None:
+        lower, upper = np.minimum(proposal.previous, 0.0), np.maximum(proposal.previous, 0.0)
+        growth = _beyond(proposal.delta, lower, upper) / self._period**2
+        joint = _worst(growth, largest * (1.0 + ROUNDING))
         if joint is None:
             return None
         what = f"{self._task.joint_names[joint]} would speed up by {growth[joint]:.6g} rad/s²"
-        return Refused(Code.ACCELERATION, what, f"at most {most[joint]:g} rad/s²")
+        return Refused(Code.ACCELERATION, what, f"at most {largest[joint]:g} rad/s²")
 
-    def _judge_tip(self, chain: Chain, motion: Motion) -> Refused | None:
+    def _judge_tip(self, chain: Chain, proposal: Proposal) -> Refused | None:
         share = np.linspace(0.0, 1.0, WAYPOINTS)[:, None]
-        way = chain.position(motion.q + share * motion.delta)  # (WAYPOINTS, 3)
+        path = chain.position(proposal.q + share * proposal.delta)  # (WAYPOINTS, 3)
         limits = self._limits
         if limits.tip_lower:
-            outside = _beyond(way, np.array(limits.tip_lower), np.array(limits.tip_upper)).max(axis=1)
+            outside = _beyond(path, np.array(limits.tip_lower), np.array(limits.tip_upper)).max(axis=1)
             if (point := _deeper(outside)) is not None:
                 accepted = f"{list(limits.tip_lower)} to {list(limits.tip_upper)} m"
                 return Refused(
-                    Code.WORKSPACE, f"the end effector would leave its workspace at {_at(way[point])}", accepted
+                    Code.WORKSPACE, f"the end effector would leave its workspace at {_at(path[point])}", accepted
                 )
         for zone in limits.keep_out:
-            if (point := _deeper(depth(zone, way))) is not None:
-                what = f"the end effector would be in a keep-out {zone.shape} at {_at(way[point])}"
+            if (point := _deeper(depth(zone, path))) is not None:
+                what = f"the end effector would be in a keep-out {zone.shape} at {_at(path[point])}"
                 return Refused(Code.KEEP_OUT, what, f"out of {list(zone.size)} m around {list(zone.centre)} m")
         return None
 
-    def _judge_collisions(self, touches: Touches, motion: Motion) -> Refused | None:
-        after = touches(motion.q + motion.delta)
-        before = touches(motion.q) if after else {}
+    def _judge_collisions(self, touches: Touches, proposal: Proposal) -> Refused | None:
+        after = touches(proposal.q + proposal.delta)
+        before = touches(proposal.q) if after else {}
         for contact, deep in after.items():
             if deep > before.get(contact, 0.0) + SLACK:
                 code = Code.CONTACT if contact.other == FLOOR else Code.SELF_COLLISION
@@ -182,7 +184,7 @@ def _worst(values: Array, allowed: Array) -> int | None:
 
 
 def _deeper(depths: Array) -> int | None:
-    """Index of the deepest point of a way, if the way leads deeper than where it begins."""
+    """Index of the deepest point of a path, if the path leads deeper than where it begins."""
     deepest = int(depths.argmax())
     return deepest if depths[deepest] > max(float(depths[0]), 0.0) + SLACK else None
 

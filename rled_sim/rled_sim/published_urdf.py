@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rled_sim.joints import TURNING, Joint, joint_of, rotation_about
+from rled_sim.joints import REVOLUTE, Joint, joint_of, rotation_about
 
 ROOT = "world"
 SCHEME = "package://"
@@ -78,7 +78,7 @@ def _fix(element: ElementTree.Element, value: float) -> None:
 
 
 def _displaced(joint: Joint, value: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    if joint.kind in TURNING:
+    if joint.kind in REVOLUTE:
         return joint.rotation @ rotation_about(joint.axis, value), joint.translation
     return joint.rotation, joint.translation + joint.rotation @ (value * joint.axis)
 

@@ -1,4 +1,4 @@
-"""What RViz and Foxglove draw: the target curve, the start, the target, the way travelled."""
+"""What RViz and Foxglove draw: the target curve, the start, the target, the path travelled."""
 
 from collections import deque
 from collections.abc import Iterable, Sequence
@@ -14,17 +14,17 @@ CURVE = (0.45, 0.45, 0.5, 0.8)
 START = (0.15, 0.6, 0.3, 1.0)
 TARGET = (0.85, 0.1, 0.1, 1.0)
 TRAIL = (0.1, 0.35, 0.85, 1.0)
-LONGEST = 500
+MAX_POINTS = 500
 """Points of the trail, and of the curve."""
 
 
-class View:
-    """What has been seen of the robot's way, to be drawn now and then."""
+class MarkerView:
+    """The path of the robot so far, to be drawn now and then."""
 
     def __init__(self, curve: Sequence[Sequence[float]]) -> None:
         """Begin with nothing but the curve of targets (m), closed."""
-        self._curve = [_point(each) for each in [*curve[:: len(curve) // LONGEST + 1], curve[0]]]
-        self._trail: deque[Any] = deque(maxlen=LONGEST)
+        self._curve = [_point(each) for each in [*curve[:: len(curve) // MAX_POINTS + 1], curve[0]]]
+        self._trail: deque[Any] = deque(maxlen=MAX_POINTS)
         self._tick: Tick | None = None
         self._start: list[float] = []
         self._target: list[float] = []

@@ -34,14 +34,14 @@ from std_srvs.srv import SetBool, Trigger
 
 from rled_sim.commands import Code, Refused
 from rled_sim.driver import Driver
-from rled_sim.markers import View
+from rled_sim.nodes.markers import MarkerView
 from rled_sim.report import Report
 from rled_sim.robots import robot_named
 from rled_sim.sim_params import SimParams, simulation_of
 
-SOON = 100_000_000
+REPORT_PERIOD = 100_000_000
 """A refusal is reported at once, unless a report went out this short a while ago (ns)."""
-PACES = {
+MODE_TEXTS = {
     "lockstep": "in lockstep: each tick waits for its answer on joint_delta",
     "real_time": "in real time: a tick every {:g} ms",
 }
@@ -60,7 +60,7 @@ class SimNode(Node):
         params = declare(self, SimParams, self._on_change)
         _require_alone(self, params.discovery_wait)
         self._simulation = simulation_of(params)
-        self._report, self._view = Report(), View(self._simulation.task.targets.tolist())
+        self._report, self._view = Report(), MarkerView(self._simulation.task.targets.tolist())
         self._driver = Driver(
             self._simulation, params.rules(), params.seed, self._publish, self._report.accepted, params
         )
@@ -79,7 +79,7 @@ class SimNode(Node):
         )
         for topic, take in takers:
             subscribe(self, topic, take, partial(self._on_unreadable, topic))
-        self.get_logger().info(f"{params.robot} is there, {PACES[params.mode].format(1e3 * params.period)}")
+        self.get_logger().info(f"{params.robot} is there, {MODE_TEXTS[params.mode].format(1e3 * params.period)}")
 
     def _advertise_state(self, topic: Topic, params: SimParams) -> Any:
         if topic is JOINT_STATES and params.mode == "real_time":
@@ -140,13 +140,13 @@ class SimNode(Node):
     def _refuse(self, error: Refused, topic: Topic = JOINT_DELTA) -> None:
         self._report.refused(error)
         self.get_logger().warning(f"{topic.name} refused: {error}", throttle_duration_sec=1.0)
-        if self._health_timer.time_since_last_call() > SOON:
+        if self._health_timer.time_since_last_call() > REPORT_PERIOD:
             self._health_timer.reset()
             self._report_health()
 
     def _on_change(self, params: SimParams) -> None:
         self._driver.rules = params.rules()
-        self._driver.line.configure(params)
+        self._driver.channel.configure(params)
 
     def _on_set(self, parameters: list[Parameter]) -> None:
         for each in parameters:
@@ -194,13 +194,13 @@ def _simulations(node: Node) -> int:
     return int(node.count_publishers(JOINT_STATES.name))
 
 
-def _require_alone(node: Node, patience: float) -> None:
-    """Look for another simulation for ``patience`` seconds.
+def _require_alone(node: Node, timeout: float) -> None:
+    """Look for another simulation for ``timeout`` seconds.
 
     Raises:
         RledError: there is one.
     """
-    deadline = time.monotonic() + patience
+    deadline = time.monotonic() + timeout
     while node.context.ok():
         if _simulations(node):
             what = f"{node.resolve_topic_name(JOINT_STATES.name)} has a publisher already"

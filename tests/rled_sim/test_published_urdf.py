@@ -11,8 +11,8 @@ import pybullet
 import pytest
 import yourdfpy
 from rled_sim.bullet.world import World
-from rled_sim.description import mesh_path, publishable
 from rled_sim.kinematics import Chain
+from rled_sim.published_urdf import mesh_path, publishable
 from rled_sim.robot_description import main
 from rled_sim.robots import ROBOTS, Robot
 from scipy.spatial.transform import Rotation

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.limits import Limits, Zone
 from rled_sim.commands import Code
-from rled_sim.limits import Guard, depth
+from rled_sim.motion_guard import Guard, depth
 from rled_sim.plant import Contact
 from rled_sim.robots import ROBOTS
 from rled_sim.tasks import reach_task
