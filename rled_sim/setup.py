@@ -37,7 +37,7 @@ setup(
         (f"share/{NAME}", ["package.xml"]),
         *robots(),
     ],
-    install_requires=["array-api-compat", "gymnasium", "numpy", "pybullet", "rled_msgs_py"],
+    install_requires=["gymnasium", "numpy", "pybullet", "rled_msgs_py"],
     zip_safe=False,
     entry_points={
         "console_scripts": [
