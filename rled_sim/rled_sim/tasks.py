@@ -187,7 +187,7 @@ def reach_task(
     return replace(task, description=replace(task.description, **chosen), target_spread=target_spread)
 
 
-def reach_task_of(description: TaskDescription) -> ReachTask:
+def task_of_description(description: TaskDescription) -> ReachTask:
     """The reach task that a description, of a bag or of a topic, was made of.
 
     What a description does not hold is that of its robot's task: targets, risky states, penalty.

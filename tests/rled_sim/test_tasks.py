@@ -13,7 +13,7 @@ from rled_sim.episode_state import Episode
 from rled_sim.kinematics import solve_position
 from rled_sim.robots import ROBOTS
 from rled_sim.sim_params import SimParams
-from rled_sim.tasks import panda_risk, planar_risk, reach_task, reach_task_of, squared_distance
+from rled_sim.tasks import panda_risk, planar_risk, reach_task, squared_distance, task_of_description
 
 from rled_sim import ENVIRONMENTS
 
@@ -204,7 +204,7 @@ def test_states_judged_together_have_the_rewards_of_their_steps(name, reward):
 
 def test_the_task_of_a_description_has_its_settings():
     description = reach_task(PLANAR, reward="sparse", max_steps=7).description
-    task = reach_task_of(description)
+    task = task_of_description(description)
     assert task.description == description
     assert (task.penalty, task.risky) == (1.0, planar_risk)
 
@@ -218,7 +218,7 @@ def test_the_task_of_a_description_has_its_settings():
 )
 def test_the_task_of_a_description_of_no_such_robot_is_refused(changed, said):
     with pytest.raises(ContractError, match=said):
-        reach_task_of(replace(reach_task(PLANAR).description, **changed))
+        task_of_description(replace(reach_task(PLANAR).description, **changed))
 
 
 def test_targets_are_drawn_evenly():
