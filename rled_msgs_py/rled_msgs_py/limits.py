@@ -42,7 +42,7 @@ class Zone:
 
 @dataclass(frozen=True)
 class Limits:
-    """What displacements are judged by, see ``rled_sim.limits``; an empty tuple is no limit.
+    """What displacements are judged by, see ``rled_sim.motion_guard``; an empty tuple is no limit.
 
     Attributes:
         joint_lower: least joint angles that may be asked for (rad), n.

@@ -12,6 +12,7 @@ import time
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib.util import find_spec
 from pathlib import Path
 from types import TracebackType
 from typing import IO
@@ -30,14 +31,22 @@ _libc = ctypes.CDLL(None)
 def program(package: str, name: str) -> list[str]:
     """How to start an executable of one of our packages, as a command line.
 
-    It is looked for beside the running interpreter (pip), then in the workspaces sourced (colcon); last, its module
-    is run.
+    It is looked for beside the running interpreter (pip), then in the workspaces sourced (colcon); last, the module of
+    that name in the package, in whatever folder, is run.
     """
     workspaces = [Path(each, "lib", package) for each in os.environ.get("AMENT_PREFIX_PATH", "").split(":") if each]
     for folder in (Path(sys.executable).parent, *workspaces):
         if (folder / name).is_file():
             return [_short(folder / name)]
-    return [_short(Path(sys.executable)), "-m", f"{package}.{name}"]
+    return [_short(Path(sys.executable)), "-m", _module(package, name)]
+
+
+def _module(package: str, name: str) -> str:
+    spec = find_spec(package)
+    for folder in (spec and spec.submodule_search_locations) or ():
+        for path in sorted(Path(folder).rglob(f"{name}.py")):
+            return ".".join([package, *path.relative_to(folder).with_suffix("").parts])
+    return f"{package}.{name}"
 
 
 def _short(path: Path) -> str:

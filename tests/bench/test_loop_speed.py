@@ -60,7 +60,7 @@ class Prober:
         self._latched = [advertise(self._node, topic) for topic in texts]
         for output, text in zip(self._latched, texts.values(), strict=True):
             output.publish(to_msg(Text(text)))
-        simulation.world.close()
+        simulation.plant.close()
 
     def _on_answer(self, message: JointState) -> None:
         self._answer = message.header.stamp.sec

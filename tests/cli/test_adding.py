@@ -48,7 +48,8 @@ def test_it_trains_resumes_bit_for_bit_and_drives_by_its_gate(
 ) -> None:
     options = [NAME, "--env", "rled/PlanarReach-v0", "--reward", "dense", "--bag", planar_bag]
     options += ["--expert", planar_expert, "--schedule.train-after", 100, "--schedule.log-every", 150]
-    options += ["--schedule.evaluate-every", 300, "--schedule.checkpoint-every", 150, "--schedule.evaluation-episodes", 2]
+    options += ["--schedule.evaluate-every", 300, "--schedule.evaluation-episodes", 2]
+    options += ["--schedule.checkpoint-every", 150]
     train_agent(folder, *options, "--schedule.steps", 300, "--output", tmp_path / "whole")
     train_agent(folder, *options, "--schedule.steps", 151, "--output", tmp_path / "halves")
     train_agent(folder, *options, "--schedule.steps", 300, "--output", tmp_path / "halves", "--resume")

@@ -11,8 +11,8 @@ import yaml
 from rled_agent.nodes.agent_node import AgentParams
 from rled_msgs_py.bags import BagError, BagWriter
 from rled_msgs_py.params import build, parameters_of
+from rled_sim.nodes.sim_node import SimParams
 from rled_sim.robots import ROBOTS
-from rled_sim.sim_node import SimParams
 from rled_teleop.record_params import RecordParams
 from rled_teleop.replay_demos import ReplayParams
 from rled_teleop.teleop_gamepad import GamepadParams

@@ -98,7 +98,7 @@ def test_transitions_that_reach_targets_are_those_in_process_bit_for_bit(both) -
     task, simulation = over.task, inside.unwrapped.simulation
 
     def towards_the_target() -> np.ndarray:
-        q, target = np.array(simulation.world.q), simulation.episode.target
+        q, target = np.array(simulation.plant.q), simulation.episode.target
         goal = solve_position(ROBOTS[task.robot].chain, target, q, task.joint_lower, task.joint_upper)
         farthest = max(np.abs(goal - q).max(), 1e-9)
         return (min(farthest, task.max_delta) * (goal - q) / farthest).astype(np.float32)

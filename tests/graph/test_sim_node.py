@@ -39,7 +39,7 @@ class Simulation:
     """A sim_node process."""
 
     def __init__(self, *arguments):
-        command = [sys.executable, "-m", "rled_sim.sim_node", "--discovery-wait", "0.3", *arguments]
+        command = [sys.executable, "-m", "rled_sim.nodes.sim_node", "--discovery-wait", "0.3", *arguments]
         self.process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
 
     def end(self, number=signal.SIGINT):

@@ -38,7 +38,7 @@ from rled_msgs_py.topics import (
 )
 from rled_sim.commands import displacement
 from rled_sim.kinematics import Chain
-from rled_sim.limits import Guard
+from rled_sim.motion_guard import Guard
 from std_srvs.srv import SetBool, Trigger
 
 POLL_PERIOD = 0.02

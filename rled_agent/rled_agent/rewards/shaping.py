@@ -67,4 +67,5 @@ class DistancePotential(Potential):
         """φ(s), shape (b, 1)."""
         m, physical = self._axes, observation * self._scale.to(observation) + self._center.to(observation)
         away = physical[:, :m] if self._is_relative else physical[:, m : 2 * m] - physical[:, :m]
-        return -self._weight * away.norm(dim=1, keepdim=True)
+        distance: Tensor = away.norm(dim=1, keepdim=True)
+        return -self._weight * distance

@@ -9,7 +9,7 @@ import tyro
 from rled_msgs_py.errors import ContractError
 from rled_msgs_py.kinds import Range, check_kinds, from_object
 from rled_sim.faults import Faults
-from rled_sim.tasks import MOST_SPREAD
+from rled_sim.tasks import MAX_TARGET_SPREAD
 
 from rled_agent.bounds import MANY, MAX_TRANSITIONS, Count, Seed
 from rled_agent.methods.method import Method
@@ -59,7 +59,7 @@ class TrainConfig:
     """Gymnasium environment"""
     reward: Literal["dense", "sparse", "own"] = "sparse"
     """reward function of section 4.1.3; own: what the environment pays"""
-    target_spread: Annotated[float, Range(0, MOST_SPREAD)] = 0.0
+    target_spread: Annotated[float, Range(0, MAX_TARGET_SPREAD)] = 0.0
     """how far beside the curve targets lie at most, along each axis (m); over the graph it is sim_node's"""
     seed: Seed = 0
     """of everything that is drawn; the same seed gives the same run"""
