@@ -3,7 +3,6 @@
 import math
 import time
 from functools import partial
-from threading import Event
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,11 +11,6 @@ from numpy.typing import NDArray
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rled_agent.deploy.arbiter import Arbiter, Outcome, Situation
-from rled_agent.deploy.online_learning import Answered, OnlineLearning
-from rled_agent.deploy.piloting import Pilot, Proposal, load_policies, observe
-from rled_agent.nodes.agent_params import AgentParams
-from rled_agent.nodes.agent_report import AgentReport
 from rled_msgs_py.awaiting import brought_by, say_what_is_awaited
 from rled_msgs_py.callbacks import Ending, every, serve
 from rled_msgs_py.command_output import CommandOutput
@@ -24,7 +18,7 @@ from rled_msgs_py.errors import ContractError, RledError
 from rled_msgs_py.life import watch_life
 from rled_msgs_py.messages import encode
 from rled_msgs_py.node import advertise, declare, run_node, spin, subscribe, subscribe_ticks
-from rled_msgs_py.records import Actor, DeltaCommand, GateCode, GateDecision, Text
+from rled_msgs_py.records import Actor, DeltaCommand, GateCode, Text
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import STATE_TOPICS, Tick
 from rled_msgs_py.topics import (
@@ -40,6 +34,12 @@ from rled_sim.commands import displacement
 from rled_sim.kinematics import Chain
 from rled_sim.motion_guard import Guard
 from std_srvs.srv import SetBool, Trigger
+
+from rled_agent.deploy.arbiter import Arbiter, Outcome, Situation
+from rled_agent.deploy.online_learning import Answered, OnlineLearning
+from rled_agent.deploy.piloting import Pilot, Proposal, load_policies, observe
+from rled_agent.nodes.agent_params import AgentParams
+from rled_agent.nodes.agent_report import AgentReport, decision_of
 
 POLL_PERIOD = 0.02
 """Seconds between two looks at a state that waits for a person."""
@@ -100,18 +100,15 @@ class AgentNode(Node):
             subscribe(self, topic, hear, partial(self._refuse, topic))
         subscribe_ticks(self, self._on_tick)
         self._life = watch_life(self, TASK_DESCRIPTION, self._on_life)
-        self._serve()
+        serve(self, SetBool, "~/enable", self._on_enable)
+        serve(self, SetBool, "~/estop", self._on_estop)
+        serve(self, SetBool, "~/learn", self._on_learn)
+        serve(self, Trigger, "~/save", self._on_save)
         if self._params.learn:
             self._learning.start()
         every(self, 1.0, self._say_health)
         every(self, POLL_PERIOD, self._decide)
         say_what_is_awaited(self, self._awaited)
-
-    def _serve(self) -> None:
-        serve(self, SetBool, "~/enable", self._on_enable)
-        serve(self, SetBool, "~/estop", self._on_estop)
-        serve(self, SetBool, "~/learn", self._on_learn)
-        serve(self, Trigger, "~/save", self._on_save)
 
     def _awaited(self) -> str:
         missing = [
@@ -234,17 +231,11 @@ class AgentNode(Node):
         self._tell(waiting, outcome)
 
     def _tell(self, waiting: Waiting, outcome: Outcome) -> None:
-        status, proposal = waiting.tick.status, waiting.proposal
         if self._told == (waiting.tick.stamp, outcome.code):
             return
         self._told = waiting.tick.stamp, outcome.code
         self._report.decided(outcome.code)
-        measured = proposal.uncertainty, proposal.threshold, proposal.measure
-        decision = GateDecision(
-            waiting.tick.stamp, outcome.level, outcome.actor, outcome.reason, *measured,
-            episode=status.episode, step=status.step, code=outcome.code,
-        )  # fmt: skip
-        self._gate.publish(encode(SAFETY_GATE, decision))
+        self._gate.publish(encode(SAFETY_GATE, decision_of(waiting.tick, waiting.proposal, outcome)))
 
     def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._enabled = request.data

@@ -2,9 +2,12 @@
 
 from collections import Counter
 
-from rled_agent.deploy.arbiter import Arbiter
+from rled_msgs_py.records import GateCode, GateDecision, Health, Level
+from rled_msgs_py.tick import Tick
+
+from rled_agent.deploy.arbiter import Arbiter, Outcome
 from rled_agent.deploy.learner_client import LearnerClient
-from rled_msgs_py.records import GateCode, Health, Level
+from rled_agent.deploy.piloting import Proposal
 
 
 class AgentReport:
@@ -59,3 +62,19 @@ class AgentReport:
         elif arbiter.stopped:
             level, message = Level.ERROR, "emergency stop"
         return Health(now, level, "agent_node: policy", message, values)
+
+
+def decision_of(tick: Tick, proposal: Proposal, outcome: Outcome) -> GateDecision:
+    """What ``safety_gate`` says of one decision."""
+    return GateDecision(
+        tick.stamp,
+        outcome.level,
+        outcome.actor,
+        outcome.reason,
+        proposal.uncertainty,
+        proposal.threshold,
+        proposal.measure,
+        episode=tick.status.episode,
+        step=tick.status.step,
+        code=outcome.code,
+    )

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rled_agent.nodes.restart import Restart
 from rled_msgs_py.awaiting import brought_by
 from rled_msgs_py.command_output import CommandOutput
 from rled_msgs_py.errors import RledError
@@ -26,6 +25,8 @@ from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import Tick
 from rled_msgs_py.topics import TASK_DESCRIPTION
 from rled_sim.action import action_array, refuse_options
+
+from rled_agent.nodes.restart import Restart
 
 Floats = NDArray[np.float32]
 REMEDY = "is sim_node running, in this ROS_DOMAIN_ID, with --mode lockstep?"

@@ -13,10 +13,6 @@ import numpy as np
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rled_agent.nodes.episode_log import Episode, EpisodeLog
-from rled_agent.nodes.restart import Restart
-from rled_agent.training.plots import draw_tool_paths, drawn_plane
-from rled_agent.training.progress import Progress
 from rled_msgs_py.awaiting import brought_by, say_what_is_awaited
 from rled_msgs_py.callbacks import Ending, ends_node, every
 from rled_msgs_py.errors import RledError
@@ -28,6 +24,11 @@ from rled_msgs_py.records import Text
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import Tick
 from rled_msgs_py.topics import JOINT_STATES, TASK_DESCRIPTION
+
+from rled_agent.nodes.episode_log import Episode, EpisodeLog
+from rled_agent.nodes.restart import Restart
+from rled_agent.training.plots import draw_tool_paths, drawn_plane
+from rled_agent.training.progress import Progress
 
 WAIT = 30.0
 """Seconds without a tick after which watching gives up."""
