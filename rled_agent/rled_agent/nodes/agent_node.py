@@ -3,6 +3,7 @@
 import math
 import time
 from functools import partial
+from threading import Event
 from typing import Any, NamedTuple
 
 import numpy as np
