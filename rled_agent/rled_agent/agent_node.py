@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rled_msgs_py.awaiting import brought_by, say_what_is_awaited
-from rled_msgs_py.callbacks import Ending, every, serve
-from rled_msgs_py.command_output import CommandOutput
 from rled_msgs_py.errors import ContractError, RledError
-from rled_msgs_py.life import watch_life
 from rled_msgs_py.messages import encode
-from rled_msgs_py.node import advertise, declare, run_node, spin, subscribe, subscribe_ticks
 from rled_msgs_py.records import Actor, DeltaCommand, GateCode, GateDecision, Text
+from rled_msgs_py.ros.awaiting import brought_by, say_what_is_awaited
+from rled_msgs_py.ros.callbacks import Ending, every, serve
+from rled_msgs_py.ros.command_output import CommandOutput
+from rled_msgs_py.ros.life import watch_life
+from rled_msgs_py.ros.node import advertise, declare, run_node, spin, subscribe, subscribe_ticks
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import STATE_TOPICS, Tick
 from rled_msgs_py.topics import (

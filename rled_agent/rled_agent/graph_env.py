@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rled_msgs_py.awaiting import brought_by
-from rled_msgs_py.command_output import CommandOutput
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.kinds import LARGEST
 from rled_msgs_py.lasting import Waiting
-from rled_msgs_py.node import fresh_context, subscribe, subscribe_ticks
 from rled_msgs_py.records import DeltaCommand, Text
+from rled_msgs_py.ros.awaiting import brought_by
+from rled_msgs_py.ros.command_output import CommandOutput
+from rled_msgs_py.ros.node import fresh_context, subscribe, subscribe_ticks
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import Tick
 from rled_msgs_py.topics import TASK_DESCRIPTION

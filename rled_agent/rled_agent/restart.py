@@ -5,9 +5,9 @@ from collections.abc import Callable
 from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rled_msgs_py.client import Client
 from rled_msgs_py.episode_begin import read_begin
 from rled_msgs_py.errors import RledError
+from rled_msgs_py.ros.client import Client
 from std_srvs.srv import Trigger
 
 PATIENCE = 30.0

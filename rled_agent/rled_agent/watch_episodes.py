@@ -13,14 +13,14 @@ import numpy as np
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rled_msgs_py.awaiting import brought_by, say_what_is_awaited
-from rled_msgs_py.callbacks import Ending, ends_node, every
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.files import write_whole
-from rled_msgs_py.node import declare, run_node, spin, spin_until, subscribe, subscribe_ticks
 from rled_msgs_py.outputs import require_output
 from rled_msgs_py.params import param
 from rled_msgs_py.records import Text
+from rled_msgs_py.ros.awaiting import brought_by, say_what_is_awaited
+from rled_msgs_py.ros.callbacks import Ending, ends_node, every
+from rled_msgs_py.ros.node import declare, run_node, spin, spin_until, subscribe, subscribe_ticks
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import Tick
 from rled_msgs_py.topics import JOINT_STATES, TASK_DESCRIPTION

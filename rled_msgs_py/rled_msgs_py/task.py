@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from rled_msgs_py.errors import ContractError
 from rled_msgs_py.foreign import read_json
 from rled_msgs_py.kinds import check_kinds, from_object
-from rled_msgs_py.limits import NO_LIMITS, Limits
 from rled_msgs_py.records import check_names
+from rled_msgs_py.task_limits import NO_LIMITS, Limits
 
 Observation = Literal["displacement_and_joints", "position_and_target"]
 Reward = Literal["dense", "sparse"]

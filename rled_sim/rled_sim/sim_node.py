@@ -10,13 +10,13 @@ from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.time import Time
-from rled_msgs_py.callbacks import every, serve
 from rled_msgs_py.episode_begin import say_begin
 from rled_msgs_py.errors import ContractError, RledError
-from rled_msgs_py.life import advertise_in_time, offer_life
 from rled_msgs_py.messages import encode
-from rled_msgs_py.node import advertise, declare, on_set, run_node, spin, subscribe
 from rled_msgs_py.records import DeltaCommand, PoseSample, Record, Text
+from rled_msgs_py.ros.callbacks import every, serve
+from rled_msgs_py.ros.life import advertise_in_time, offer_life
+from rled_msgs_py.ros.node import advertise, declare, on_set, run_node, spin, subscribe
 from rled_msgs_py.tick import STATE_TOPICS, Tick
 from rled_msgs_py.topics import (
     CLOCK_TOPIC,

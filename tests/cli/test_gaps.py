@@ -9,8 +9,7 @@ import pytest
 from rled_agent.demonstrations import open_demonstrations
 from rled_msgs_py.bags import Bag, BagWriter, review
 from rled_msgs_py.records import DeltaCommand, JointSample
-
-from rled_teleop import demos
+from rled_teleop.cli import demos
 
 from ..rled_msgs_py.samples import NAMES, PERIOD, descriptions, tick
 from ..rled_msgs_py.test_bag_quality import event

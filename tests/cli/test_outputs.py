@@ -31,7 +31,7 @@ COMMANDS = {
     "rled_agent.demo": ["--output", "OUT"],
     "rled_agent.experiments.reproduce": ["--runs", "OUT"],
     "rled_agent.watch_episodes": ["--output", "OUT"],
-    "rled_teleop.demos": ["plot", "BAG", "--output", "OUT"],
+    "rled_teleop.cli.demos": ["plot", "BAG", "--output", "OUT"],
 }
 
 

@@ -5,7 +5,6 @@ from collections.abc import Mapping
 from typing import Any
 
 from geometry_msgs.msg import Point
-from rled_msgs_py.convert import MESSAGE_CLASSES, to_msg
 from rled_msgs_py.records import (
     Actor,
     DeltaCommand,
@@ -19,6 +18,7 @@ from rled_msgs_py.records import (
     TaskStatus,
     Text,
 )
+from rled_msgs_py.ros.convert import MESSAGE_CLASSES, to_msg
 from rled_msgs_py.topics import Qos, Topic
 from rled_sim.robots import ROBOTS
 from rled_sim.tasks import reach_task

@@ -13,13 +13,13 @@ from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rled_msgs_py.convert import MESSAGE_CLASSES, qos_profile, to_msg
 from rled_msgs_py.episode_begin import read_begin
 from rled_msgs_py.errors import ContractError
 from rled_msgs_py.messages import decode
-from rled_msgs_py.node import advertise, fresh_context, spin_until, subscribe
 from rled_msgs_py.processes import Child, Children, program
 from rled_msgs_py.records import DeltaCommand, Health, Text
+from rled_msgs_py.ros.convert import MESSAGE_CLASSES, qos_profile, to_msg
+from rled_msgs_py.ros.node import advertise, fresh_context, spin_until, subscribe
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import STATE_TOPICS, Tick, TickAssembler
 from rled_msgs_py.topics import DIAGNOSTICS, JOINT_DELTA, TASK_DESCRIPTION, Qos, Topic

@@ -16,11 +16,11 @@ from rclpy.node import NodeNameNonExistentError
 from rclpy.publisher import Publisher
 from rclpy.serialization import serialize_message
 from rled_msgs_py.bags.writer import absolute
-from rled_msgs_py.convert import qos_profile, to_msg
 from rled_msgs_py.errors import ContractError, RledError
-from rled_msgs_py.life import offer_life
 from rled_msgs_py.messages import NANOSECONDS, decode
 from rled_msgs_py.records import Text
+from rled_msgs_py.ros.convert import qos_profile, to_msg
+from rled_msgs_py.ros.life import offer_life
 from rled_msgs_py.tick import STATE_TOPICS
 from rled_msgs_py.topics import JOINT_DELTA, ROBOT_DESCRIPTION, TASK_DESCRIPTION, Topic
 from rled_sim.commands import Refused, displacement

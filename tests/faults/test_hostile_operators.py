@@ -20,11 +20,11 @@ from rled_msgs_py.topics import (
     TASK_DESCRIPTION,
     Topic,
 )
-from rled_teleop.teleop_gamepad import GamepadParams
-from rled_teleop.teleop_keyboard import KeyboardParams
-from rled_teleop.teleop_kinesthetic import KinestheticParams
-from rled_teleop.teleop_scripted import ScriptedParams
-from rled_teleop.web_params import WebParams
+from rled_teleop.nodes.teleop_gamepad import GamepadParams
+from rled_teleop.nodes.teleop_keyboard import KeyboardParams
+from rled_teleop.nodes.teleop_kinesthetic import KinestheticParams
+from rled_teleop.nodes.teleop_scripted import ScriptedParams
+from rled_teleop.web.params import WebParams
 from sensor_msgs.msg import JointState, Joy
 
 from ..graph.programs import ENDLESS

@@ -18,8 +18,8 @@ from rled_msgs_py.topics import (
     RECORDED,
     SAFETY_GATE,
 )
-from rled_teleop.readable import Readable
-from rled_teleop.record_params import RecordParams
+from rled_teleop.recording.message_filter import Readable
+from rled_teleop.recording.params import RecordParams
 from std_srvs.srv import SetBool, Trigger
 
 from .hostile_requests import requests_of

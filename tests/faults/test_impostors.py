@@ -13,8 +13,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rled_agent.restart import Restart
 from rled_msgs_py.errors import RledError
-from rled_msgs_py.node import fresh_context, spin_until
 from rled_msgs_py.processes import Child, Children, program
+from rled_msgs_py.ros.node import fresh_context, spin_until
 
 from ..graph.conftest import Observer
 from ..web.conftest import await_that, free_port, is_open, take_the_wheel

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 from rclpy.duration import Duration
-from rled_msgs_py.convert import to_msg
-from rled_msgs_py.node import advertise, subscribe
 from rled_msgs_py.processes import Child, program
 from rled_msgs_py.records import Actor, DeltaCommand, GateCode, GateDecision, Text
+from rled_msgs_py.ros.convert import to_msg
+from rled_msgs_py.ros.node import advertise, subscribe
 from rled_msgs_py.tick import STATE_TOPICS
 from rled_msgs_py.topics import HUMAN_JOINT_DELTA, ROBOT_DESCRIPTION, SAFETY_GATE, TASK_DESCRIPTION, Qos
 from std_srvs.srv import SetBool

@@ -18,10 +18,10 @@ from rled_sim.tasks import reach_task
 from rled_teleop.web import page as page_module
 from rled_teleop.web.access import Access
 from rled_teleop.web.control import Control
+from rled_teleop.web.graph_state import Seen, Watched
 from rled_teleop.web.inbound import understood
-from rled_teleop.web.order import Order
 from rled_teleop.web.page import Page
-from rled_teleop.web.watched import Seen, Watched
+from rled_teleop.web.set_point import Order
 from viser import _messages as viser_messages
 
 from ..rled_msgs_py.samples import write_bag

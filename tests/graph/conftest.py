@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rled_msgs_py.node import fresh_context, spin_until, subscribe, subscribe_ticks
 from rled_msgs_py.processes import Children, program
 from rled_msgs_py.records import DeltaCommand, GateDecision, Health
+from rled_msgs_py.ros.node import fresh_context, spin_until, subscribe, subscribe_ticks
 from rled_msgs_py.tick import Tick
 from rled_msgs_py.topics import DIAGNOSTICS, JOINT_DELTA, SAFETY_GATE, Qos
 

@@ -7,9 +7,9 @@ from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 
 from rled_msgs_py.bags import Bag, review
-from rled_msgs_py.convert import to_msg
-from rled_msgs_py.node import advertise
 from rled_msgs_py.records import Level, Text
+from rled_msgs_py.ros.convert import to_msg
+from rled_msgs_py.ros.node import advertise
 from rled_msgs_py.topics import TASK_DESCRIPTION
 
 from .conftest import Observer

@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
-from rled_msgs_py.convert import to_msg
-from rled_msgs_py.life import advertise_in_time
 from rled_msgs_py.messages import encode
-from rled_msgs_py.node import advertise, fresh_context, spin_until, subscribe
 from rled_msgs_py.records import DeltaCommand, Text
+from rled_msgs_py.ros.convert import to_msg
+from rled_msgs_py.ros.life import advertise_in_time
+from rled_msgs_py.ros.node import advertise, fresh_context, spin_until, subscribe
 from rled_msgs_py.tick import STATE_TOPICS
 from rled_msgs_py.topics import HUMAN_JOINT_DELTA, JOINT_DELTA, JOINT_STATES, ROBOT_DESCRIPTION, TASK_DESCRIPTION
 from rled_sim.robots import ROBOTS
 from rled_sim.sim_params import SimParams, simulation_of
 from rled_sim.ticks import tick_of
-from rled_teleop.driving import Driving
+from rled_teleop.nodes.operator_base import Driving
 
 PERIOD = 0.5
 """Of the simulation (s): long beside what a busy machine needs for an answer, short to wait for."""

@@ -18,10 +18,10 @@ import rclpy
 from mcap.reader import make_reader
 from rclpy.executors import SingleThreadedExecutor
 from rled_msgs_py.bags import Bag, repair
-from rled_msgs_py.convert import to_msg
-from rled_msgs_py.node import advertise, fresh_context, spin_until, subscribe
 from rled_msgs_py.processes import program
 from rled_msgs_py.records import Health, Level
+from rled_msgs_py.ros.convert import to_msg
+from rled_msgs_py.ros.node import advertise, fresh_context, spin_until, subscribe
 from rled_msgs_py.topics import (
     DIAGNOSTICS,
     EE_POSE,
@@ -38,8 +38,8 @@ from rled_msgs_py.topics import (
 )
 from rled_sim.robots import robot_named
 from rled_sim.tasks import reach_task
-from rled_teleop.demonstration import demonstrated_action
-from rled_teleop.scripted import spread
+from rled_teleop.operators.demonstration import demonstrated_action
+from rled_teleop.operators.scripted import spread
 from std_srvs.srv import SetBool, Trigger
 
 PATIENCE = 60.0

@@ -13,11 +13,11 @@ from typing import Any
 import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
-from rled_msgs_py.convert import MESSAGE_CLASSES, qos_profile
-from rled_msgs_py.node import fresh_context, spin_until
 from rled_msgs_py.processes import program
+from rled_msgs_py.ros.convert import MESSAGE_CLASSES, qos_profile
+from rled_msgs_py.ros.node import fresh_context, spin_until
 from rled_msgs_py.topics import JOINT_DELTA, JOINT_STATES, RECORDED, ROBOT_DESCRIPTION
-from rled_teleop.bag_messages import read_recording
+from rled_teleop.recording.bag_messages import read_recording
 from std_srvs.srv import SetBool
 
 PATIENCE = 60.0

@@ -14,11 +14,11 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rled_msgs_py.convert import MESSAGE_CLASSES, from_msg, qos_profile, to_msg
-from rled_msgs_py.limits import Zone
-from rled_msgs_py.node import advertise, fresh_context
 from rled_msgs_py.records import DeltaCommand
+from rled_msgs_py.ros.convert import MESSAGE_CLASSES, from_msg, qos_profile, to_msg
+from rled_msgs_py.ros.node import advertise, fresh_context
 from rled_msgs_py.task import TaskDescription
+from rled_msgs_py.task_limits import Zone
 from rled_msgs_py.tick import STATE_TOPICS, TickAssembler
 from rled_msgs_py.topics import (
     CLOCK_TOPIC,

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
-from rled_msgs_py.convert import to_msg
-from rled_msgs_py.node import fresh_context, spin_until, subscribe
 from rled_msgs_py.records import JointSample
+from rled_msgs_py.ros.convert import to_msg
+from rled_msgs_py.ros.node import fresh_context, spin_until, subscribe
 from rled_msgs_py.topics import HUMAN_JOINT_DELTA, JOINT_DELTA, JOINT_STATES
-from rled_teleop.gamepad import Layout
+from rled_teleop.operators.gamepad import Layout
 from sensor_msgs.msg import JointState, Joy
 
 from .programs import PATIENCE, planar_simulation, running

@@ -14,7 +14,7 @@ import pytest
 from rled_msgs_py.bags import Bag
 from rled_msgs_py.processes import program
 from rled_msgs_py.topics import EPISODE_EVENTS, JOINT_DELTA, JOINT_STATES, MARKED_JOINT_STATES
-from rled_teleop.keyboard_screen import HELP
+from rled_teleop.operators.keyboard_screen import HELP
 
 from .programs import PATIENCE, planar_simulation, running
 from .terminal import Terminal

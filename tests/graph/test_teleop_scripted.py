@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import pytest
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rled_msgs_py.node import fresh_context, spin_until
 from rled_msgs_py.processes import program
+from rled_msgs_py.ros.node import fresh_context, spin_until
 from rled_msgs_py.topics import JOINT_STATES, Topic
 
 PATIENCE = 60.0

@@ -22,10 +22,10 @@ from load import FIVE, PERIOD, shared, start_publishing
 from mcap.reader import make_reader
 from rled_msgs_py.bags import Bag, repair
 from rled_msgs_py.bags.header import stamp_of
-from rled_msgs_py.node import run_node
-from rled_teleop.record_demos import record
-from rled_teleop.record_params import RecordParams
-from rled_teleop.recorder import Recorder
+from rled_msgs_py.ros.node import run_node
+from rled_teleop.nodes.record_demos import record
+from rled_teleop.nodes.recorder import Recorder
+from rled_teleop.recording.params import RecordParams
 from rosbags.rosbag2 import Reader
 
 LIMIT = 0.050

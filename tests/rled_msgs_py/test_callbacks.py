@@ -13,11 +13,11 @@ from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
-from rled_msgs_py.callbacks import Ending, ends_node, every, guarded, listen, publisher_events, raise_ending, serve
-from rled_msgs_py.client import MOST_WAITING, Client
 from rled_msgs_py.episode_begin import read_begin, say_begin
 from rled_msgs_py.errors import ContractError, RledError
-from rled_msgs_py.node import fresh_context, on_set, spin_until
+from rled_msgs_py.ros.callbacks import Ending, ends_node, every, guarded, listen, publisher_events, raise_ending, serve
+from rled_msgs_py.ros.client import MOST_WAITING, Client
+from rled_msgs_py.ros.node import fresh_context, on_set, spin_until
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 

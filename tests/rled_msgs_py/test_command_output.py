@@ -7,9 +7,9 @@ from dataclasses import replace
 import pytest
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rled_msgs_py.command_output import CommandOutput
-from rled_msgs_py.node import fresh_context, spin_until, subscribe
 from rled_msgs_py.records import DeltaCommand
+from rled_msgs_py.ros.command_output import CommandOutput
+from rled_msgs_py.ros.node import fresh_context, spin_until, subscribe
 from rled_msgs_py.topics import JOINT_DELTA, Qos
 
 PATIENCE = 20.0

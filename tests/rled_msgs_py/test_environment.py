@@ -13,7 +13,7 @@ from rled_msgs_py.environment import (
     settle_log,
 )
 from rled_msgs_py.errors import RledError
-from rled_msgs_py.node import start_ros
+from rled_msgs_py.ros.node import start_ros
 
 
 @pytest.mark.parametrize("given", ["0", "7", "007", "101", ""])

@@ -39,4 +39,4 @@ print(bag.task.robot, bag.message_count, len(list(bag.ticks())), bag.joints(JOIN
 
 
 def test_the_blockade_works():
-    assert "ModuleNotFoundError" in run("import rled_msgs_py.convert").stderr
+    assert "ModuleNotFoundError" in run("import rled_msgs_py.ros.convert").stderr

@@ -106,7 +106,7 @@ def test_before_the_robot_is_known_a_sample_is_taken_as_it_is():
 )
 @pytest.mark.parametrize("effort", [[], [NAN], [1.0, 2.0, 3.0]])
 def test_rates_and_efforts_are_taken_as_they_come(velocity, known, effort):
-    from rled_msgs_py.convert import from_msg
+    from rled_msgs_py.ros.convert import from_msg
     from sensor_msgs.msg import JointState
 
     message = JointState(name=ARM, position=[1.0, 2.0], velocity=velocity, effort=effort)

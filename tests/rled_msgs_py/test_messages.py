@@ -8,7 +8,6 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
 from hypothesis import given
 from rclpy.serialization import deserialize_message, serialize_message
-from rled_msgs_py.convert import MESSAGE_CLASSES, from_msg, qos_profile, to_msg
 from rled_msgs_py.errors import ContractError
 from rled_msgs_py.records import (
     Actor,
@@ -21,6 +20,7 @@ from rled_msgs_py.records import (
     TaskStatus,
     Text,
 )
+from rled_msgs_py.ros.convert import MESSAGE_CLASSES, from_msg, qos_profile, to_msg
 from rled_msgs_py.topics import (
     DIAGNOSTICS,
     EE_POSE,

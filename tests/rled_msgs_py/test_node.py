@@ -14,11 +14,11 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
-from rled_msgs_py.convert import qos_profile, to_msg
 from rled_msgs_py.errors import ContractError, RledError
-from rled_msgs_py.node import advertise, declare, fresh_context, spin_until, subscribe, subscribe_ticks
 from rled_msgs_py.params import param
 from rled_msgs_py.records import DeltaCommand, PoseSample
+from rled_msgs_py.ros.convert import qos_profile, to_msg
+from rled_msgs_py.ros.node import advertise, declare, fresh_context, spin_until, subscribe, subscribe_ticks
 from rled_msgs_py.topics import EE_POSE, JOINT_DELTA, Topic
 from sensor_msgs.msg import JointState
 
@@ -179,7 +179,7 @@ PROGRAM = """
 import time
 from dataclasses import dataclass
 from rclpy.node import Node
-from rled_msgs_py.node import declare, run_node
+from rled_msgs_py.ros.node import declare, run_node
 from rled_msgs_py.params import param
 
 @dataclass(frozen=True)

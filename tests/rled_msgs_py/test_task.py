@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from rled_msgs_py.errors import ContractError
-from rled_msgs_py.limits import NO_LIMITS, Limits, Zone
 from rled_msgs_py.task import TaskDescription
+from rled_msgs_py.task_limits import NO_LIMITS, Limits, Zone
 
 from .samples import TASK, TEXTS
 

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from rled_teleop.demonstration import demonstrated_action
+from rled_teleop.operators.demonstration import demonstrated_action
 
 JOINTS = arrays(np.float64, 7, elements=st.floats(-3.0, 3.0))
 DELTAS = st.floats(1e-3, 0.5)

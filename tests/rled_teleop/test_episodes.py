@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from rclpy.serialization import serialize_message
-from rled_msgs_py.convert import to_msg
 from rled_msgs_py.messages import encode
 from rled_msgs_py.records import TaskStatus
+from rled_msgs_py.ros.convert import to_msg
 from rled_msgs_py.topics import TASK_STATUS
-from rled_teleop.episodes import REACHED, About, Episodes, Refusal, count_of
+from rled_teleop.recording.episode_events import REACHED, About, Episodes, Refusal, count_of
 
 
 @pytest.fixture

@@ -10,12 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.records import JointSample
-from rled_teleop.gamepad import DEAD_ZONE, Gamepad, Layout, PadState
-from rled_teleop.gamepad_device import AXES, BUTTONS, is_gamepad, open_pad, read_pad
-from rled_teleop.jog import Jog
-from rled_teleop.keys import Request
-from rled_teleop.mapping import RecordingMapping
-from rled_teleop.teleop_kinesthetic import Follower
+from rled_teleop.nodes.teleop_kinesthetic import Follower
+from rled_teleop.operators.gamepad import DEAD_ZONE, Gamepad, Layout, PadState
+from rled_teleop.operators.gamepad_device import AXES, BUTTONS, is_gamepad, open_pad, read_pad
+from rled_teleop.operators.jog import Jog
+from rled_teleop.operators.keys import Request
+from rled_teleop.operators.mapping import RecordingMapping
 
 Q = np.array([-0.8, 1.6])
 LAYOUT = Layout()

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 from rled_msgs_py.task import TaskDescription
-from rled_teleop.imperfection import Hand, Imperfection
+from rled_teleop.operators.imperfection import Hand, Imperfection
 
 INTENDED = np.array([0.05, -0.02])
 

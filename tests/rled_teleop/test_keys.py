@@ -13,10 +13,10 @@ import termios
 import numpy as np
 import pytest
 from rled_msgs_py.errors import RledError
-from rled_teleop.jog import Jog
-from rled_teleop.keyboard_screen import HELP, RULE, Shown, screen, waiting_screen
-from rled_teleop.keys import FASTER, LINEAR, REQUESTS, SLOWER, TURNS, Keyboard, Request
-from rled_teleop.terminal import Screen, TerminalGone, fitted, keyboard_screen, split_keys
+from rled_teleop.operators.jog import Jog
+from rled_teleop.operators.keyboard_screen import HELP, RULE, Shown, screen, waiting_screen
+from rled_teleop.operators.keys import FASTER, LINEAR, REQUESTS, SLOWER, TURNS, Keyboard, Request
+from rled_teleop.operators.terminal import Screen, TerminalGone, fitted, keyboard_screen, split_keys
 
 Q = np.array([-0.8, 1.6])
 

@@ -20,8 +20,8 @@ from rled_msgs_py.topics import (
     TASK_DESCRIPTION,
     Topic,
 )
-from rled_teleop.readable import Readable
-from rled_teleop.recent import Recent
+from rled_teleop.recording.message_filter import Readable
+from rled_teleop.recording.recent import Recent
 
 HEAD, NEW = b"\0\1\0\0", b"next"
 BY_NAME = {topic.name: topic for topic in (*RECORDED, MARKERS)}

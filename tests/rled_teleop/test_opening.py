@@ -3,9 +3,7 @@ import time
 import pytest
 from rled_msgs_py.tick import STATE_TOPICS
 from rled_msgs_py.topics import JOINT_DELTA, JOINT_STATES
-from rled_teleop.opening import Early, Opening
-
-from rled_teleop import opening
+from rled_teleop.recording.start_synchronisation import Early, Opening
 
 
 def test_a_recording_begins_with_the_first_tick_that_all_topics_have() -> None:
@@ -34,7 +32,7 @@ def test_a_topic_on_which_nothing_comes_is_not_waited_for_long(monkeypatch: pyte
     assert not early.is_ready()
     early.add(Early(JOINT_STATES, 0, 20, b""))
     assert not early.is_ready()
-    monkeypatch.setattr(opening, "PATIENCE", 0.01)
+    monkeypatch.setattr(start_synchronisation, "PATIENCE", 0.01)
     time.sleep(0.02)
     assert early.is_ready()
     assert [each.stamp for each in early.messages()[0]] == [20]

@@ -3,7 +3,7 @@ from itertools import permutations
 
 from rled_msgs_py.bags.header import stamp_of
 from rled_msgs_py.topics import DIAGNOSTICS, EE_POSE, JOINT_DELTA, JOINT_STATES, MARKERS, ROBOT_DESCRIPTION, Topic
-from rled_teleop.ordering import Ordering
+from rled_teleop.recording.reorder_buffer import Ordering
 
 RANKS = {ROBOT_DESCRIPTION: 0, JOINT_STATES: 1, EE_POSE: 2, JOINT_DELTA: 3}
 

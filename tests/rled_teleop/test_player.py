@@ -8,9 +8,9 @@ from rled_msgs_py.bags.metadata import qos_profiles
 from rled_msgs_py.bags.storage import BagTopic
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.topics import RECORDED, Qos
-from rled_teleop.bag_messages import quality, read_recording
-from rled_teleop.player import Player
-from rled_teleop.replay_demos import replayed
+from rled_teleop.nodes.replay_demos import replayed
+from rled_teleop.recording.bag_messages import quality, read_recording
+from rled_teleop.recording.player import Player
 
 TIMES = np.array([5, 5, 7, 10]) * 1_000_000_000
 

@@ -5,7 +5,7 @@ import pytest
 from rled_msgs_py.messages import decode, encode
 from rled_msgs_py.records import JointSample, PoseSample
 from rled_msgs_py.topics import EE_POSE, JOINT_STATES
-from rled_teleop.recent import Recent
+from rled_teleop.recording.recent import Recent
 
 ARM = ("left", "right")
 NAN = float("nan")

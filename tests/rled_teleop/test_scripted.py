@@ -8,9 +8,9 @@ from rled_msgs_py.errors import RledError
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import Tick
 from rled_sim.kinematics import Chain
-from rled_teleop.imperfection import Hand, Imperfection
-from rled_teleop.motion import PATIENCE
-from rled_teleop.scripted import Answer, ScriptedOperator, require_reachable, spread
+from rled_teleop.operators.imperfection import Hand, Imperfection
+from rled_teleop.operators.point_to_point import PATIENCE
+from rled_teleop.operators.scripted import Answer, ScriptedOperator, require_reachable, spread
 
 Curve = Callable[[int], np.ndarray]
 History = list[tuple[Tick, Answer]]

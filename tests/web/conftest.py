@@ -15,9 +15,9 @@ import pytest
 from matplotlib.image import imread
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rled_msgs_py.node import fresh_context, subscribe, subscribe_ticks
 from rled_msgs_py.processes import Children, program
 from rled_msgs_py.records import GateDecision
+from rled_msgs_py.ros.node import fresh_context, subscribe, subscribe_ticks
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import Tick
 from rled_msgs_py.topics import SAFETY_GATE, TASK_DESCRIPTION

@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 from rled_msgs_py.errors import RledError
 from rled_sim.robots import ROBOTS
 from rled_sim.tasks import reach_task
-from rled_teleop.jog import Jog
+from rled_teleop.operators.jog import Jog
 from rled_teleop.web.control import PATIENCE, Control
-from rled_teleop.web.order import Order, OrderSlot
+from rled_teleop.web.jog_command import Follow, Move, Turn
+from rled_teleop.web.set_point import Order, OrderSlot
 from rled_teleop.web.steering import delta, steer
-from rled_teleop.web.wish import Follow, Move, Turn
 
 ROBOT = ROBOTS["planar"]
 TASK = reach_task(ROBOT).description

@@ -14,7 +14,7 @@ import pytest
 import viser
 from rled_msgs_py.processes import program
 from rled_teleop.web.connection import BURST, MESSAGE_RATE
-from rled_teleop.web.guard import MOST_CONNECTIONS
+from rled_teleop.web.protection import MOST_CONNECTIONS
 from viser import _messages as messages
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect

@@ -11,7 +11,7 @@ from typing import Any
 import msgspec.msgpack
 import pytest
 from rled_teleop.web.connection import MOST_SOCKETS
-from rled_teleop.web.guard import MOST_CONNECTIONS, PROTOCOL
+from rled_teleop.web.protection import MOST_CONNECTIONS, PROTOCOL
 from viser import _messages as messages
 from websockets.exceptions import ConnectionClosed
 from websockets.frames import Opcode

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 from rled_msgs_py.errors import RledError
-from rled_teleop.web.serving import address, without_token
+from rled_teleop.nodes.teleop_web import address, without_token
+from rled_teleop.web.params import WebParams
 from rled_teleop.web.token import given_token
-from rled_teleop.web_params import WebParams
 
 from .processes import one_with, words
 from .test_gate import get

@@ -25,14 +25,14 @@ from rled_msgs_py.tick import STATE_TOPICS, Tick
 from rled_msgs_py.topics import EPISODE_EVENTS, JOINT_DELTA, ROBOT_DESCRIPTION, TASK_DESCRIPTION
 from rled_sim.robots import ROBOTS
 from rled_sim.tasks import reach_task
-from rled_teleop.web import rows
+from rled_teleop.web import episode_buffer
 from rled_teleop.web.curves import DECISIONS, EPISODES, Curves
+from rled_teleop.web.episode_buffer import MOST_TICKS
 from rled_teleop.web.episode_log import EpisodeLog
-from rled_teleop.web.limits import arc, edges
+from rled_teleop.web.graph_state import MOST_REPORTS, Watched
+from rled_teleop.web.limits_view import arc, edges
 from rled_teleop.web.robot import Link, load_robot, pose_of, product, quaternion
-from rled_teleop.web.rows import MOST_TICKS
 from rled_teleop.web.trail import COLOURS, LONGEST, Trail
-from rled_teleop.web.watched import MOST_REPORTS, Watched
 
 PLANAR = ROBOTS["planar"]
 TASK = reach_task(PLANAR).description
@@ -214,8 +214,8 @@ def test_an_hour_of_one_episode_takes_some_megabytes() -> None:
 
 
 def test_later_ticks_than_the_most_and_other_joints_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rows, "MOST_TICKS", 10)
-    kept = rows.Rows()
+    monkeypatch.setattr(episode_buffer, "MOST_TICKS", 10)
+    kept = episode_buffer.Rows()
     for k in range(20):
         strange = tick(k, 0.0)._replace(joints=JointSample(k, ("x", "y"), np.zeros(2), np.zeros(2)))
         kept.add_tick(tick(k, 0.1 * k) if k != 3 else strange)

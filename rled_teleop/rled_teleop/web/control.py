@@ -5,9 +5,9 @@ from collections.abc import Callable
 from threading import Lock, RLock
 from typing import Any
 
-from rled_teleop.web.order import Order
+from rled_teleop.web.jog_command import Wish
+from rled_teleop.web.set_point import Order
 from rled_teleop.web.visitors import Visitors
-from rled_teleop.web.wish import Wish
 
 PATIENCE = 5.0
 """So long a driver may be silent before another visitor may take over (s)."""

@@ -8,8 +8,8 @@ import viser
 from rled_msgs_py.task import TaskDescription
 
 from rled_teleop.web.control import Control
-from rled_teleop.web.watched import Watched
-from rled_teleop.web.wish import Follow, Move, Turn
+from rled_teleop.web.graph_state import Watched
+from rled_teleop.web.jog_command import Follow, Move, Turn
 
 HOLD_RATE = 20.0
 """Signs of life a second of a button that is held."""

@@ -10,7 +10,7 @@ from rled_msgs_py.records import DeltaCommand
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import Tick
 
-from rled_teleop.web.rows import Rows
+from rled_teleop.web.episode_buffer import Rows
 
 MOST_EPISODES = 500
 

@@ -9,8 +9,8 @@ from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import Tick
 
 from rled_teleop.web.control import Control
-from rled_teleop.web.watched import Watched
-from rled_teleop.web.wish import Follow
+from rled_teleop.web.graph_state import Watched
+from rled_teleop.web.jog_command import Follow
 
 SIZE = 0.22
 TARGET_SIZE = 0.13

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from viser import uplot
 
 from rled_teleop.web.control import Control
-from rled_teleop.web.watched import Watched
+from rled_teleop.web.graph_state import Watched
 
 AGENT_REPORT = "agent_node: policy"
 BLUE, ORANGE, GREEN, RED = "#2563eb", "#ea880c", "#16a34a", "#dc2626"

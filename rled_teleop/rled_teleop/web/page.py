@@ -15,14 +15,14 @@ import viser
 
 from rled_teleop.web.access import Access
 from rled_teleop.web.control import Control
-from rled_teleop.web.guard import guarded, require_free
+from rled_teleop.web.graph_state import Watched
 from rled_teleop.web.inbound import check_values
+from rled_teleop.web.protection import guarded, require_free
+from rled_teleop.web.recording_manager import Studio
 from rled_teleop.web.robot import load_robot
 from rled_teleop.web.scene import Scene
-from rled_teleop.web.studio import Studio
 from rled_teleop.web.view_panel import AT_FIRST
 from rled_teleop.web.visitor import Visitor
-from rled_teleop.web.watched import Watched
 
 FRAME, TEXT, PLOT = 1 / 30, 1 / 5, 1.0
 """Seconds between two drawings of the scene, of texts, of plots."""

@@ -6,8 +6,8 @@ import viser
 
 from rled_teleop.web.control import Control
 from rled_teleop.web.episode_log import Entry
-from rled_teleop.web.studio import Studio
-from rled_teleop.web.watched import Watched
+from rled_teleop.web.graph_state import Watched
+from rled_teleop.web.recording_manager import Studio
 
 NONE = "(none)"
 NEWEST = 12

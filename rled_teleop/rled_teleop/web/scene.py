@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import Tick
 
-from rled_teleop.web.limits import LimitsView
+from rled_teleop.web.limits_view import LimitsView
 from rled_teleop.web.robot import Colour, Link, RobotModel, pose_of
 from rled_teleop.web.trail import Pieces
 

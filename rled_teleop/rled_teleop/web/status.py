@@ -6,7 +6,7 @@ import numpy as np
 from rled_msgs_py.records import GateCode, Level
 
 from rled_teleop.web.control import Control
-from rled_teleop.web.watched import Watched
+from rled_teleop.web.graph_state import Watched
 
 SIM_REPORT = "sim: driver"
 LINES, LINE = 5, 1.45

@@ -3,10 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from rled_teleop.jog import Jog
-from rled_teleop.keys import LINEAR_SPEED
-from rled_teleop.web.order import Order
-from rled_teleop.web.wish import Move, Turn, Wish
+from rled_teleop.operators.jog import Jog
+from rled_teleop.operators.keys import LINEAR_SPEED
+from rled_teleop.web.jog_command import Move, Turn, Wish
+from rled_teleop.web.set_point import Order
 
 Vector = NDArray[np.float64]
 

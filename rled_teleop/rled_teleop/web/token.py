@@ -11,7 +11,7 @@ from urllib.parse import quote as percent
 from rled_msgs_py.errors import RledError, command
 from rled_msgs_py.foreign import read_text
 
-from rled_teleop.web_params import WebParams
+from rled_teleop.web.params import WebParams
 
 VARIABLE = "RLED_TOKEN"
 LONGEST = 1000

@@ -6,13 +6,13 @@ import viser
 
 from rled_teleop.web.control import Control
 from rled_teleop.web.driving_panel import DrivingPanel
+from rled_teleop.web.graph_state import Watched
 from rled_teleop.web.handle import target_handle, tool_handle
 from rled_teleop.web.learning_panel import LearningPanel
+from rled_teleop.web.recording_manager import Studio
 from rled_teleop.web.recording_panel import RecordingPanel
 from rled_teleop.web.status import status_text
-from rled_teleop.web.studio import Studio
 from rled_teleop.web.view_panel import ViewPanel
-from rled_teleop.web.watched import Watched
 
 
 class Visitor:

@@ -6,8 +6,8 @@ from pathlib import Path
 from rled_msgs_py.bags import Bag, BagWriter, drop, review, trim
 from rled_msgs_py.records import Text
 from rled_msgs_py.topics import EPISODE_EVENTS
-from rled_teleop.episodes import About, Episodes
-from rled_teleop.web.watched import Watched
+from rled_teleop.recording.episode_events import About, Episodes
+from rled_teleop.web.graph_state import Watched
 
 from ...rled_msgs_py.samples import PERIOD, TASK, recording
 from ..mutators import lines

@@ -13,10 +13,10 @@ from rled_msgs_py.records import PoseSample
 from rled_sim.robots import ROBOTS
 from rled_sim.target_request import requested_target
 from rled_sim.tasks import reach_task
-from rled_teleop.jog import Jog
-from rled_teleop.web.order import Order, OrderSlot
+from rled_teleop.operators.jog import Jog
+from rled_teleop.web.jog_command import Follow, Move, Turn
+from rled_teleop.web.set_point import Order, OrderSlot
 from rled_teleop.web.steering import steer
-from rled_teleop.web.wish import Follow, Move, Turn
 
 from ..mutators import plain
 
