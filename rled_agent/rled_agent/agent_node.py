@@ -15,11 +15,11 @@ from rclpy.parameter import Parameter
 from rled_msgs_py.errors import ContractError, RledError
 from rled_msgs_py.messages import encode
 from rled_msgs_py.records import Actor, DeltaCommand, GateCode, GateDecision, Text
-from rled_msgs_py.ros.awaiting import brought_by, say_what_is_awaited
 from rled_msgs_py.ros.callbacks import Ending, every, serve
 from rled_msgs_py.ros.command_output import CommandOutput
-from rled_msgs_py.ros.life import watch_life
+from rled_msgs_py.ros.liveliness import watch_liveliness
 from rled_msgs_py.ros.node import advertise, declare, run_node, spin, subscribe, subscribe_ticks
+from rled_msgs_py.ros.waiting import report_waiting, waiting_for
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import STATE_TOPICS, Tick
 from rled_msgs_py.topics import (
@@ -101,13 +101,13 @@ class AgentNode(Node):
         ):
             subscribe(self, topic, hear, partial(self._refuse, topic))
         subscribe_ticks(self, self._on_tick)
-        self._life = watch_life(self, TASK_DESCRIPTION, self._on_life)
+        self._life = watch_liveliness(self, TASK_DESCRIPTION, self._on_life)
         self._serve()
         if self._params.learn:
             self._learning.start()
         every(self, 1.0, self._say_health)
         every(self, LOOK, self._decide)
-        say_what_is_awaited(self, self._awaited)
+        report_waiting(self, self._awaited)
 
     def _serve(self) -> None:
         serve(self, SetBool, "~/enable", self._on_enable)
@@ -121,7 +121,7 @@ class AgentNode(Node):
             *([ROBOT_DESCRIPTION.name] if not self._urdf else []),
             *([] if self._newest >= 0 else [topic.name for topic in STATE_TOPICS]),
         ]
-        return brought_by(self, "sim_node", ", ".join(missing)) if missing else ""
+        return waiting_for(self, "sim_node", ", ".join(missing)) if missing else ""
 
     def _on_change(self, given: AgentParams) -> None:
         params = given.in_force(self._trained)

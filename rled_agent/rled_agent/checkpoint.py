@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import torch
 from rled_msgs_py.errors import ContractError, RledError
 from rled_msgs_py.files import whole_file
-from rled_msgs_py.foreign import MAX_TEXT, read_json
+from rled_msgs_py.untrusted import MAX_TEXT, read_json
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
 from rled_msgs_py.errors import ContractError
-from rled_msgs_py.kinds import Range, check_kinds, from_object
+from rled_msgs_py.validation import Range, check_fields, from_object
 from rled_sim.faults import Faults
 from rled_sim.tasks import MOST_SPREAD
 
@@ -96,7 +96,7 @@ class TrainConfig:
     """on purpose, in process; over the graph they are those of sim_node"""
 
     def __post_init__(self) -> None:
-        check_kinds(self)
+        check_fields(self)
         if dropout := self.learner.critic.dropout:
             raise ContractError(f"learner.critic.dropout is {dropout}", "0", "critics drop no units")
         for name in ("evaluate_every", "checkpoint_every"):

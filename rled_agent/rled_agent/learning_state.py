@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from rled_msgs_py.kinds import LARGEST
+from rled_msgs_py.validation import MAX_INT
 from torch import Tensor
 
 from rled_agent.checkpoint import Checkpoint, CheckpointError
@@ -32,7 +32,7 @@ def whole_number(state: dict[str, Any], name: str) -> int:
         CheckpointError: it is none.
     """
     value = state[name]
-    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value < LARGEST:
+    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value < MAX_INT:
         raise CheckpointError(f"the checkpoint says {str(value)[:40]} as {name}", "a whole number, 0 or more")
     return value
 

@@ -9,9 +9,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from rled_msgs_py.errors import ContractError
-from rled_msgs_py.foreign import read_json
-from rled_msgs_py.kinds import check_kinds, from_object
 from rled_msgs_py.task import TaskDescription
+from rled_msgs_py.untrusted import read_json
+from rled_msgs_py.validation import check_fields, from_object
 
 from rled_agent.checkpoint import CheckpointError, Layout, TensorFile, damaged, open_tensors, write_tensors
 from rled_agent.nn.architecture import Architecture
@@ -121,7 +121,7 @@ def _described(file: TensorFile) -> _Description:
     """What the header says."""
     try:
         architecture = from_object(Architecture, read_json(file.header["architecture"], "architecture"), "architecture")
-        check_kinds(architecture, "architecture.")
+        check_fields(architecture, "architecture.")
         gate = read_json(file.header.get("gate", "null"), "gate")
         task = TaskDescription.from_json(file.header["task"])
         return _Description(task, architecture, None if gate is None else from_object(GateSettings, gate, "gate"))

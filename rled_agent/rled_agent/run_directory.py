@@ -12,8 +12,8 @@ from typing import Any
 import torch
 from rled_msgs_py.errors import ContractError, RledError
 from rled_msgs_py.files import write_whole
-from rled_msgs_py.foreign import read_json, read_text
 from rled_msgs_py.outputs import require_output
+from rled_msgs_py.untrusted import read_json, read_text
 
 from rled_agent.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
 from rled_agent.config import TrainConfig

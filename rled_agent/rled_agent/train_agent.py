@@ -15,9 +15,9 @@ import tyro
 from numpy.typing import NDArray
 from rled_msgs_py.bags import Bag
 from rled_msgs_py.errors import RledError, command_line
-from rled_msgs_py.kinds import Range, check_kinds
 from rled_msgs_py.stopping import stop_requested
 from rled_msgs_py.task import TaskDescription
+from rled_msgs_py.validation import Range, check_fields
 from torch.utils.tensorboard import SummaryWriter
 
 from rled_agent.bounds import MANY
@@ -83,7 +83,7 @@ def main() -> None:
     options = tyro.extras.overridable_config_cli(presets, prog="train_agent")
     torch.set_num_threads(1)
     torch.set_flush_denormal(True)
-    check_kinds(options)
+    check_fields(options)
     directory = RunDirectory(options.output)
     if options.resume:
         directory.require_resumable()

@@ -9,7 +9,7 @@ from typing import Annotated, Literal, NamedTuple
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from rled_msgs_py.kinds import Range, check_kinds
+from rled_msgs_py.validation import Range, check_fields
 
 from rled_agent.bounds import Amount
 from rled_agent.nn.dropout import Generator
@@ -34,7 +34,7 @@ class GateSettings:
     passes: Passes = 30
 
     def __post_init__(self) -> None:
-        check_kinds(self)
+        check_fields(self)
 
     def __str__(self) -> str:
         return f"{self.measure}, threshold {self.threshold:g}, {self.passes} passes"

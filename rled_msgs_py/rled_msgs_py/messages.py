@@ -79,8 +79,8 @@ def require_size(topic: Topic, data: bytes) -> None:
     Raises:
         Unreadable: it is too large.
     """
-    if len(data) > topic.largest:
-        raise Unreadable(f"a message of {len(data)} bytes", f"{topic.largest} at most")
+    if len(data) > topic.max_bytes:
+        raise Unreadable(f"a message of {len(data)} bytes", f"{topic.max_bytes} at most")
 
 
 TYPES: Mapping[type, str] = {
@@ -164,7 +164,7 @@ def _health(source: CdrReader) -> Health:
 
 
 def _health_of_decision(decision: GateDecision) -> Health:
-    """Message "actor: reason", figures as key-values."""
+    """Message "actor: reason", metrics as key-values."""
     values = {
         "uncertainty": repr(float(decision.uncertainty)),
         "threshold": repr(float(decision.threshold)),

@@ -17,8 +17,8 @@ from rled_msgs_py.errors import ContractError
 
 Vector = NDArray[np.float64]
 
-MOST_JOINTS = 256
-LONGEST_NAME = 256
+MAX_JOINTS = 256
+MAX_NAME_LENGTH = 256
 """Characters of a joint's name."""
 
 UNIT_TOLERANCE = 1e-3
@@ -75,10 +75,10 @@ def check_names(names: tuple[str, ...], what: str) -> None:
     Raises:
         ContractError: none, too many, an empty one, one twice, or one that is too long.
     """
-    if len(names) > MOST_JOINTS:
-        raise ContractError(f"{what} has {len(names)} names", f"{MOST_JOINTS} at most")
-    if any(len(name) > LONGEST_NAME for name in names):
-        raise ContractError(f"{what} has a name of {max(map(len, names))} characters", f"{LONGEST_NAME} at most")
+    if len(names) > MAX_JOINTS:
+        raise ContractError(f"{what} has {len(names)} names", f"{MAX_JOINTS} at most")
+    if any(len(name) > MAX_NAME_LENGTH for name in names):
+        raise ContractError(f"{what} has a name of {max(map(len, names))} characters", f"{MAX_NAME_LENGTH} at most")
     if not names or len(set(names)) != len(names) or not all(names):
         raise ContractError(f"{what} has names {list(names)}", "distinct, non-empty joint names")
 
@@ -320,7 +320,7 @@ class Health:
         level: worst condition.
         name: node and part.
         message: summary in words.
-        values: figures by name.
+        values: metrics by name.
     """
 
     stamp: int

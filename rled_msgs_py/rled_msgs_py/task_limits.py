@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from rled_msgs_py.errors import ContractError
-from rled_msgs_py.kinds import check_kinds
+from rled_msgs_py.validation import check_fields
 
 Shape = Literal["box", "sphere", "cylinder"]
 
@@ -31,7 +31,7 @@ class Zone:
     size: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        check_kinds(self)
+        check_fields(self)
         if len(self.centre) != 3:
             raise ContractError(f"centre of a keep-out zone {list(self.centre)}", "3 numbers (m)")
         if len(self.size) != len(SIZES[self.shape]) or min(self.size) <= 0.0:
@@ -45,12 +45,12 @@ class Limits:
     """What displacements are judged by, see ``rled_sim.limits``; an empty tuple is no limit.
 
     Attributes:
-        joint_lower: least joint angles that may be asked for (rad), n.
-        joint_upper: greatest joint angles that may be asked for (rad), n.
-        velocity: greatest joint rates |Δq| / period (rad/s), n.
-        acceleration: greatest growth of a joint rate from one period to the next, over the period (rad/s²), n.
-        tip_lower: least end-effector position (m), 3.
-        tip_upper: greatest end-effector position (m), 3.
+        joint_lower: minimum joint angles that may be asked for (rad), n.
+        joint_upper: maximum joint angles that may be asked for (rad), n.
+        velocity: maximum joint rates |Δq| / period (rad/s), n.
+        acceleration: maximum growth of a joint rate from one period to the next, over the period (rad/s²), n.
+        tip_lower: minimum end-effector position (m), 3.
+        tip_upper: maximum end-effector position (m), 3.
         keep_out: zones that the end effector stays out of.
         collisions: the robot must not touch itself or the floor.
     """
@@ -65,10 +65,10 @@ class Limits:
     collisions: bool = False
 
     def __post_init__(self) -> None:
-        check_kinds(self)
+        check_fields(self)
         for what in ("joint", "tip"):
             lower, upper = getattr(self, f"{what}_lower"), getattr(self, f"{what}_upper")
-            if len(lower) != len(upper) or any(least > most for least, most in zip(lower, upper, strict=True)):
+            if len(lower) != len(upper) or any(low > high for low, high in zip(lower, upper, strict=True)):
                 raise ContractError(f"limits: {what}_lower {list(lower)}", f"at most {what}_upper {list(upper)}")
         if len(self.tip_lower) not in (0, 3):
             raise ContractError(f"limits: tip_lower {list(self.tip_lower)}", "3 numbers (m)")

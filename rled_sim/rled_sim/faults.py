@@ -11,11 +11,11 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 from rled_msgs_py.errors import ContractError
-from rled_msgs_py.kinds import check_kinds
 from rled_msgs_py.params import described, param, parameters_of
 from rled_msgs_py.records import PoseSample
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import Tick
+from rled_msgs_py.validation import check_fields
 
 T = TypeVar("T")
 
@@ -50,7 +50,7 @@ class Faults:
     hidden: str = param("", "what is not seen, in words: names of joints, ee, target; the middle of its range is seen")
 
     def __post_init__(self) -> None:
-        check_kinds(self)
+        check_fields(self)
         for each in parameters_of(Faults):
             each.spec.check(each.name, getattr(self, each.name))
 

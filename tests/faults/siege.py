@@ -20,7 +20,7 @@ from rled_msgs_py.errors import ContractError, RledError
 from rled_msgs_py.messages import NANOSECONDS, decode
 from rled_msgs_py.records import Text
 from rled_msgs_py.ros.convert import qos_profile, to_msg
-from rled_msgs_py.ros.life import offer_life
+from rled_msgs_py.ros.liveliness import offer_liveliness
 from rled_msgs_py.tick import STATE_TOPICS
 from rled_msgs_py.topics import JOINT_DELTA, ROBOT_DESCRIPTION, TASK_DESCRIPTION, Topic
 from rled_sim.commands import Refused, displacement
@@ -125,7 +125,7 @@ class Rogue:
         if topic not in self._outputs:
             node = self._plant.node
             if topic in (ROBOT_DESCRIPTION, TASK_DESCRIPTION):  # which some listen to for signs of life only
-                output = offer_life(node, topic)
+                output = offer_liveliness(node, topic)
             else:
                 output = node.create_publisher(CLASSES[topic.type], topic.name, qos_profile(topic.qos))
             self._outputs[topic] = output

@@ -76,7 +76,7 @@ def test_a_restart_with_another_option_makes_another_bag(tmp_path: Path, ros_dom
     for each in (first, second):
         found = review(each)
         assert found.faults == []
-        assert len(found.line.moments) >= 25
+        assert len(found.timeline.moments) >= 25
         assert len(found.episodes) == 1
     assert not (tmp_path / "a bag_3").exists()
 

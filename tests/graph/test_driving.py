@@ -12,14 +12,14 @@ from rclpy.node import Node
 from rled_msgs_py.messages import encode
 from rled_msgs_py.records import DeltaCommand, Text
 from rled_msgs_py.ros.convert import to_msg
-from rled_msgs_py.ros.life import advertise_in_time
+from rled_msgs_py.ros.liveliness import advertise_with_deadline
 from rled_msgs_py.ros.node import advertise, fresh_context, spin_until, subscribe
 from rled_msgs_py.tick import STATE_TOPICS
 from rled_msgs_py.topics import HUMAN_JOINT_DELTA, JOINT_DELTA, JOINT_STATES, ROBOT_DESCRIPTION, TASK_DESCRIPTION
 from rled_sim.robots import ROBOTS
 from rled_sim.sim_params import SimParams, simulation_of
 from rled_sim.ticks import tick_of
-from rled_teleop.nodes.operator_base import Driving
+from rled_teleop.nodes.operator_base import OperatorBase
 
 PERIOD = 0.5
 """Of the simulation (s): long beside what a busy machine needs for an answer, short to wait for."""
@@ -35,12 +35,12 @@ class Stage:
         self._context = fresh_context()
         self.node, self._sim = (Node(name, context=self._context) for name in ("operator", "sim"))
         self._executor = EventsExecutor(context=self._context)
-        self.driving = Driving(self.node, False, lambda jog, q: self.wish)
+        self.driving = OperatorBase(self.node, False, lambda jog, q: self.wish)
         self.driving.start_timer(self.driving.look)
         simulation = simulation_of(SimParams(robot="planar", period=PERIOD))
         simulation.reset(np.random.default_rng(0))
         self._tick = tick_of(simulation, 0, 0, 0.0)
-        promised = advertise_in_time(self._sim, JOINT_STATES, PERIOD, lambda count: None) if in_time else None
+        promised = advertise_with_deadline(self._sim, JOINT_STATES, PERIOD, lambda count: None) if in_time else None
         self._states = [promised or advertise(self._sim, JOINT_STATES)]
         self._states += [advertise(self._sim, topic) for topic in STATE_TOPICS[1:]]
         described = simulation.task.description.to_json(), ROBOTS["planar"].description

@@ -23,4 +23,4 @@ def test_a_drive_to_twenty_targets_in_real_time_has_twenty_targets(tmp_path: Pat
     statuses = [each for each in bag.records(TASK_STATUS) if isinstance(each, TaskStatus) and each.stamp >= last_mark]
     assert statuses[-1].targets_reached - statuses[0].targets_reached == TARGETS
     (episode,) = review(bag).episodes
-    assert [leg.reached for leg in episode.legs] == [True] * TARGETS
+    assert [segment.reached for segment in episode.segments] == [True] * TARGETS

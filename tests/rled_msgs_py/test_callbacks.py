@@ -16,7 +16,7 @@ from rclpy.qos import QoSProfile
 from rled_msgs_py.episode_begin import read_begin, say_begin
 from rled_msgs_py.errors import ContractError, RledError
 from rled_msgs_py.ros.callbacks import Ending, ends_node, every, guarded, listen, publisher_events, raise_ending, serve
-from rled_msgs_py.ros.client import MOST_WAITING, Client
+from rled_msgs_py.ros.client import MAX_WAITING, Client
 from rled_msgs_py.ros.node import fresh_context, on_set, spin_until
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
@@ -36,7 +36,7 @@ ERRORS = [RuntimeError("no"), IndexError(), ContractError("a message", "none"), 
 def test_nodes_are_called_in_guarded_ways_only() -> None:
     found = []
     for path in (each for package in PACKAGES for each in (ROOT / package).rglob("*.py")):
-        if path.name in GUARDED and path.parent.name == "rled_msgs_py":
+        if path.name in GUARDED and path.parent.name == "ros":
             continue
         for call in (each for each in ast.walk(ast.parse(path.read_text())) if isinstance(each, ast.Call)):
             name = getattr(call.func, "attr", getattr(call.func, "id", ""))
@@ -118,12 +118,12 @@ def test_a_service_that_does_not_answer_is_given_up(pair: Pair) -> None:
     """The server is served by nobody; what comes too late comes to nobody."""
     service = pair.other.create_service(Trigger, "asked", lambda request, response: response)
     pair.mine.remove_node(pair.other)
-    client, answers, failures = Client(pair.node, Trigger, "asked", patience=0.2), list[Any](), list[RledError]()
+    client, answers, failures = Client(pair.node, Trigger, "asked", timeout=0.2), list[Any](), list[RledError]()
     pair.until(lambda: client.is_ready)
-    for _ in range(MOST_WAITING + 3):
+    for _ in range(MAX_WAITING + 3):
         client.ask(Trigger.Request(), answers.append, failures.append)
     assert len(failures) == 3
-    pair.until(lambda: len(failures) == MOST_WAITING + 3)
+    pair.until(lambda: len(failures) == MAX_WAITING + 3)
     assert "has not answered for 0.2 s" in str(failures[-1])
     pair.mine.add_node(pair.other)
     answered = []

@@ -9,7 +9,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 from rled_msgs_py.errors import ContractError
-from rled_msgs_py.foreign import MAX_DEPTH, MAX_NODES, MAX_TEXT, read_json, read_text, read_yaml
+from rled_msgs_py.untrusted import MAX_DEPTH, MAX_NODES, MAX_TEXT, read_json, read_text, read_yaml
 
 SCALARS = st.none() | st.booleans() | st.integers(-(2**63), 2**63) | st.text(max_size=20)
 CONTENTS = st.recursive(SCALARS, lambda inner: st.lists(inner) | st.dictionaries(st.text(max_size=5), inner))

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from rled_msgs_py.errors import ContractError
-from rled_msgs_py.joint_halves import MAX_AGE
+from rled_msgs_py.joint_merger import MAX_AGE
 from rled_msgs_py.records import JointSample, PoseSample, TaskStatus
 from rled_msgs_py.tick import TickAssembler
 from rled_msgs_py.topics import EE_POSE, JOINT_STATES, TARGET_POSE, TASK_STATUS

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import pytest
 from rled_msgs_py.errors import ContractError
-from rled_msgs_py.kinds import Length, Range, check_kinds, from_object
+from rled_msgs_py.validation import Length, Range, check_fields, from_object
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Outer:
     ],
 )  # fmt: skip
 def test_what_fits_is_taken(values):
-    check_kinds(Outer(**values))
+    check_fields(Outer(**values))
 
 
 @pytest.mark.parametrize(
@@ -59,13 +59,13 @@ def test_what_fits_is_taken(values):
 )
 def test_what_does_not_is_refused_by_its_name(values, said):
     with pytest.raises(ContractError) as caught:
-        check_kinds(Outer(**values))
+        check_fields(Outer(**values))
     assert str(caught.value) == said
 
 
 def test_an_error_does_not_repeat_a_large_value():
     with pytest.raises(ContractError) as caught:
-        check_kinds(Outer(inner=Inner((1,) * 10**6)))
+        check_fields(Outer(inner=Inner((1,) * 10**6)))
     assert len(str(caught.value)) < 200
 
 

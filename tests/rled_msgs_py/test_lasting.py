@@ -4,18 +4,18 @@ from itertools import pairwise
 
 from hypothesis import given
 from hypothesis import strategies as st
-from rled_msgs_py.lasting import SAID_AFTER, SAID_AGAIN, Steady, Waiting
+from rled_msgs_py.debounce import FIRST_REPORT_AFTER, REPORT_PERIOD, Debounce, WaitingReport
 
 
 def told(signs: list[tuple[float, bool]], until: float) -> list[bool]:
     """What is told of signs, each with its time (s); a look every tenth of a second; changes have to last for 1 s."""
     said: list[bool] = []
-    steady, waiting = Steady(1.0, said.append), list(signs)
+    steady, waiting = Debounce(1.0, said.append), list(signs)
     for tenth in range(int(10 * until) + 1):
         while waiting and waiting[0][0] <= tenth / 10:
             when, sign = waiting.pop(0)
             steady.see(sign, when)
-        steady.look(tenth / 10)
+        steady.poll(tenth / 10)
     return said
 
 
@@ -57,12 +57,12 @@ def test_what_is_told_alternates_and_ends_with_what_is_true(steps: list[tuple[in
 
 def said(awaited: list[str], look: float) -> list[tuple[float, str]]:
     """What is said when, of what is awaited at looks so far (s) apart."""
-    waiting = Waiting()
+    waiting = WaitingReport()
     return [(k * look, text) for k, text in enumerate(awaited) if waiting.is_due(text, k * look)]
 
 
 def test_a_wait_is_said_after_a_moment_and_again_now_and_then() -> None:
-    assert (SAID_AFTER, SAID_AGAIN) == (2.0, 10.0)
+    assert (FIRST_REPORT_AFTER, REPORT_PERIOD) == (2.0, 10.0)
     assert said(["a"] * 100, 0.25) == [(2.0, "a"), (12.0, "a"), (22.0, "a")]
 
 

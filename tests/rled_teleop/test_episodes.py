@@ -11,12 +11,12 @@ from rled_msgs_py.messages import encode
 from rled_msgs_py.records import TaskStatus
 from rled_msgs_py.ros.convert import to_msg
 from rled_msgs_py.topics import TASK_STATUS
-from rled_teleop.recording.episode_events import REACHED, About, Episodes, Refusal, count_of
+from rled_teleop.recording.episode_events import REACHED, EpisodeEvents, Provenance, Refusal, count_of
 
 
 @pytest.fixture
 def episodes(task):
-    counted = Episodes(About("ada", "0.1.0"))
+    counted = EpisodeEvents(Provenance("ada", "0.1.0"))
     counted.describe(task)
     return counted
 

@@ -20,8 +20,8 @@ from rled_msgs_py.topics import (
     TASK_DESCRIPTION,
     Topic,
 )
-from rled_teleop.recording.message_filter import Readable
-from rled_teleop.recording.recent import Recent
+from rled_teleop.recording.message_filter import MessageFilter
+from rled_teleop.recording.recent import RecentMessages
 
 HEAD, NEW = b"\0\1\0\0", b"next"
 BY_NAME = {topic.name: topic for topic in (*RECORDED, MARKERS)}
@@ -29,8 +29,10 @@ BY_NAME = {topic.name: topic for topic in (*RECORDED, MARKERS)}
 
 @pytest.mark.parametrize("topic", [each for each in BY_NAME.values() if each.name in FROM], ids=lambda each: each.name)
 def test_a_message_larger_than_its_topic_can_have_is_refused_unread(topic: Topic) -> None:
-    data = HEAD + bytes(topic.largest)  # within its type it would be read: a stamp of 0, no names
-    with pytest.raises(Unreadable, match=f"a message of {topic.largest + 4} bytes; accepted: {topic.largest} at most"):
+    data = HEAD + bytes(topic.max_bytes)  # within its type it would be read: a stamp of 0, no names
+    with pytest.raises(
+        Unreadable, match=f"a message of {topic.max_bytes + 4} bytes; accepted: {topic.max_bytes} at most"
+    ):
         decode(topic, data)
 
 
@@ -96,7 +98,7 @@ def test_an_error_quotes_no_more_than_a_person_reads() -> None:
 
 def test_the_recorder_keeps_no_garbage_and_says_so_once() -> None:
     said: list[str] = []
-    readable = Readable(said.append)
+    readable = MessageFilter(said.append)
     garbage = [
         b"",
         b"x",
@@ -106,8 +108,8 @@ def test_the_recorder_keeps_no_garbage_and_says_so_once() -> None:
         b"\xff" * 500,
         HEAD + bytes(8) + b"\xff" * 60,
     ]
-    assert not any(readable.holds(JOINT_STATES, each) for each in garbage * 100)
-    assert not readable.holds(MARKERS, bytes(5 << 20))
+    assert not any(readable.accepts(JOINT_STATES, each) for each in garbage * 100)
+    assert not readable.accepts(MARKERS, bytes(5 << 20))
     assert readable.refused == {"joint_states": 700, "markers": 1}
     assert [each.split(":")[0] for each in said] == ["joint_states", "markers"]
 
@@ -118,12 +120,12 @@ def test_the_recorder_keeps_what_is_a_message_whatever_it_says() -> None:
     data = encode(JOINT_DELTA, DeltaCommand(1, ("a",), [0.25])).replace(struct.pack("<d", 0.25), struct.pack("<d", nan))
     with pytest.raises(ContractError, match="delta holds nan"):
         decode(JOINT_DELTA, data)
-    assert Readable(said.append).holds(JOINT_DELTA, data)
+    assert MessageFilter(said.append).accepts(JOINT_DELTA, data)
     assert said == []
 
 
 def test_the_recorder_holds_one_description() -> None:
-    recent = Recent()
+    recent = RecentMessages()
     for number in range(9):
         recent.add(ROBOT_DESCRIPTION, bytes([number]) * 1_000_000)
         recent.add(EPISODE_EVENTS, b"x")

@@ -3,7 +3,7 @@ from itertools import permutations
 
 from rled_msgs_py.bags.header import stamp_of
 from rled_msgs_py.topics import DIAGNOSTICS, EE_POSE, JOINT_DELTA, JOINT_STATES, MARKERS, ROBOT_DESCRIPTION, Topic
-from rled_teleop.recording.reorder_buffer import Ordering
+from rled_teleop.recording.reorder_buffer import ReorderBuffer
 
 RANKS = {ROBOT_DESCRIPTION: 0, JOINT_STATES: 1, EE_POSE: 2, JOINT_DELTA: 3}
 
@@ -13,7 +13,7 @@ def message(stamp: int, payload: bytes = b"payload.") -> bytes:
 
 
 def order_of(messages: list[tuple[Topic, bytes]]) -> list[tuple[int, str]]:
-    ordering = Ordering()
+    ordering = ReorderBuffer()
     for number, (topic, data) in enumerate(messages):
         ordering.add(topic, RANKS[topic], data, number)
     return [(each.stamp, each.topic.name) for each in ordering.rest()]
@@ -48,14 +48,14 @@ def test_a_text_without_any_stamp_is_filed_under_zero() -> None:
 
 
 def test_messages_of_one_topic_and_stamp_keep_their_order() -> None:
-    ordering = Ordering()
+    ordering = ReorderBuffer()
     for number in range(5):
         ordering.add(JOINT_STATES, 1, message(20, bytes([number])), number)
     assert [each.data[-1] for each in ordering.rest()] == [0, 1, 2, 3, 4]
 
 
 def test_the_time_of_the_day_on_diagnostics_is_no_stamp() -> None:
-    ordering = Ordering()
+    ordering = ReorderBuffer()
     ordering.add(JOINT_STATES, 1, message(20), 0)
     ordering.add(DIAGNOSTICS, 0, message(1_700_000_000 * 10**9), 1)
     ordering.add(JOINT_STATES, 1, message(40), 2)
@@ -63,7 +63,7 @@ def test_the_time_of_the_day_on_diagnostics_is_no_stamp() -> None:
 
 
 def test_texts_keep_their_order_when_a_late_message_comes_between() -> None:
-    ordering = Ordering()
+    ordering = ReorderBuffer()
     for number, (topic, data) in enumerate(
         [
             (JOINT_STATES, message(40)),
@@ -77,7 +77,7 @@ def test_texts_keep_their_order_when_a_late_message_comes_between() -> None:
 
 
 def test_a_message_waits_for_two_calls_at_most() -> None:
-    ordering = Ordering()
+    ordering = ReorderBuffer()
     ordering.add(JOINT_STATES, 1, message(20), 0)
     assert ordering.due() == []
     ordering.add(JOINT_STATES, 1, message(40), 1)
@@ -87,7 +87,7 @@ def test_a_message_waits_for_two_calls_at_most() -> None:
 
 
 def test_a_stamp_before_the_newest_is_not_held_back() -> None:
-    ordering = Ordering()
+    ordering = ReorderBuffer()
     ordering.add(JOINT_STATES, 1, message(1000), 0)
     ordering.due()
     ordering.add(JOINT_STATES, 1, message(20), 1)

@@ -112,7 +112,7 @@ def test_leaving_the_block_interrupts_a_child_which_can_clean_up(tmp_path: Path,
 
 
 def test_a_child_that_ignores_signals_is_killed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rled_msgs_py.processes.PATIENCE", {signal.SIGINT: 0.1, signal.SIGTERM: 0.1})
+    monkeypatch.setattr("rled_msgs_py.processes.END_TIMEOUTS", {signal.SIGINT: 0.1, signal.SIGTERM: 0.1})
     with Children() as children:
         child = children.start(python(f"import time; {STUBBORN} {READY}; time.sleep(100)"))
         await_that(lambda: is_ready(child))

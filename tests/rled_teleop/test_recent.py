@@ -5,7 +5,7 @@ import pytest
 from rled_msgs_py.messages import decode, encode
 from rled_msgs_py.records import JointSample, PoseSample
 from rled_msgs_py.topics import EE_POSE, JOINT_STATES
-from rled_teleop.recording.recent import Recent
+from rled_teleop.recording.recent import RecentMessages
 
 ARM = ("left", "right")
 NAN = float("nan")
@@ -16,8 +16,8 @@ def joints(stamp: int, **position: float) -> bytes:
     return encode(JOINT_STATES, JointSample(stamp, tuple(position), np.array(values), np.zeros(len(values))))
 
 
-def recent(*found: bytes, poses: tuple[int, ...]) -> Recent:
-    kept = Recent()
+def recent(*found: bytes, poses: tuple[int, ...]) -> RecentMessages:
+    kept = RecentMessages()
     for data in found:
         kept.add(JOINT_STATES, data)
     for stamp in poses:

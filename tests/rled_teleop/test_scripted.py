@@ -9,7 +9,7 @@ from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import Tick
 from rled_sim.kinematics import Chain
 from rled_teleop.operators.imperfection import Hand, Imperfection
-from rled_teleop.operators.point_to_point import PATIENCE
+from rled_teleop.operators.point_to_point import MAX_IDLE_STEPS
 from rled_teleop.operators.scripted import Answer, ScriptedOperator, require_reachable, spread
 
 Curve = Callable[[int], np.ndarray]
@@ -182,7 +182,7 @@ def drive_to_second_phase(arm: Any, person: ScriptedOperator) -> Tick:
 def test_a_robot_that_does_not_move_is_reported(task: TaskDescription, chain: Chain, circle: Curve, arm: Any) -> None:
     person = operator(task, chain, circle(10), 0)
     stuck = arm.tick()
-    for _ in range(PATIENCE + 1):
+    for _ in range(MAX_IDLE_STEPS + 1):
         person.answer(stuck)
     with pytest.raises(RledError, match="rad from its goal"):
         person.answer(stuck)

@@ -3,7 +3,7 @@
 import pytest
 from rled_msgs_py.errors import RledError
 from rled_teleop.web.access import Access, access_for
-from rled_teleop.web.connection import Allowance
+from rled_teleop.web.connection import RateLimiter
 from rled_teleop.web.request import read_request
 from websockets.datastructures import Headers
 
@@ -69,7 +69,7 @@ def test_short_token_is_refused() -> None:
 
 
 def test_messages_are_read_at_once_until_the_burst_is_spent_then_at_the_rate() -> None:
-    allowance = Allowance(rate=10.0, burst=3.0)
+    allowance = RateLimiter(rate=10.0, burst=3.0)
     assert [allowance.wait(100.0) for _ in range(3)] == [0.0, 0.0, 0.0]
     assert allowance.wait(100.0) == pytest.approx(0.1)
     assert allowance.wait(100.1) == pytest.approx(0.1)

@@ -14,7 +14,7 @@ import pytest
 import viser
 from rled_msgs_py.processes import program
 from rled_teleop.web.connection import BURST, MESSAGE_RATE
-from rled_teleop.web.protection import MOST_CONNECTIONS
+from rled_teleop.web.protection import MAX_CONNECTIONS
 from viser import _messages as messages
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
@@ -119,7 +119,7 @@ def test_socket_of_another_site_is_refused(address: str, cookie: str) -> None:
 
 
 def test_more_connections_than_allowed_are_refused(address: str, cookie: str) -> None:
-    opened = [open_socket(address, Cookie=cookie) for _ in range(MOST_CONNECTIONS)]
+    opened = [open_socket(address, Cookie=cookie) for _ in range(MAX_CONNECTIONS)]
     with pytest.raises(InvalidStatus, match="503"):
         open_socket(address, Cookie=cookie)
     for each in opened:

@@ -10,7 +10,7 @@ import pytest
 import viser
 from hypothesis import given
 from hypothesis import strategies as st
-from rled_teleop.web.inbound import MESSAGE_SIZE, accepts, understood
+from rled_teleop.web.inbound import MAX_MESSAGE_SIZE, accepts, understood
 from viser import _messages as messages
 
 from .conftest import free_port
@@ -109,7 +109,7 @@ def test_lengths_that_are_claimed_and_not_sent_are_not_believed() -> None:
 
 
 def test_a_message_longer_than_any_of_the_page_is_not_read() -> None:
-    assert understood(sent(USED[-1]) + b" " * MESSAGE_SIZE) is None
+    assert understood(sent(USED[-1]) + b" " * MAX_MESSAGE_SIZE) is None
 
 
 @pytest.fixture(scope="module")

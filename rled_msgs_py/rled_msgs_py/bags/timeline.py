@@ -56,7 +56,7 @@ def read_series(bag: Bag) -> dict[str, Series]:
     return {topic.name: series(bag, topic) for topic in READ}
 
 
-def timeline(bag: Bag, found: dict[str, Series] | None = None) -> Timeline:
+def read_timeline(bag: Bag, found: dict[str, Series] | None = None) -> Timeline:
     """Put the topics together; what is recorded twice counts once.
 
     A bag without ``task_status`` has one episode, in which each change of the target is a target reached.

@@ -23,7 +23,7 @@ from rclpy.timer import Timer
 
 from rled_msgs_py.errors import RledError, Unreadable, one_line
 
-QUIET = 1.0
+LOG_PERIOD = 1.0
 """Seconds in which a callback's errors are logged once."""
 _endings: WeakKeyDictionary[Node, Exception] = WeakKeyDictionary()
 
@@ -57,7 +57,7 @@ def guarded(node: Node, name: str, callback: Callable[..., Any], failed: Callabl
         failed: makes what is returned when the callback raised, None otherwise; takes the exception and what the
             callback took.
     """
-    said = -QUIET
+    said = -LOG_PERIOD
 
     def call(*values: Any) -> Any:
         nonlocal said
@@ -66,7 +66,7 @@ def guarded(node: Node, name: str, callback: Callable[..., Any], failed: Callabl
         except Exception as error:  # of whatever kind: see above
             if isinstance(error, Ending):
                 _endings.setdefault(node, error.args[0])
-            elif node.context.ok() and time.monotonic() - said >= QUIET:
+            elif node.context.ok() and time.monotonic() - said >= LOG_PERIOD:
                 said = time.monotonic()
                 _log(node, name, error)
             return failed(error, *values) if failed is not None else None
@@ -126,7 +126,7 @@ def listen(
         name: the topic's name.
         qos: of the reader.
         callback: takes a serialized message.
-        limit: most bytes of a message, where the callback does not look itself; a larger one is dropped, and logged.
+        limit: maximum bytes of a message, where the callback does not look itself; a larger one is dropped, and logged.
         events: from ``subscription_events``.
     """
 

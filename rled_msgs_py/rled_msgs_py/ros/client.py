@@ -9,10 +9,10 @@ from rclpy.node import Node
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.ros.callbacks import every, guarded
 
-MOST_WAITING = 8
+MAX_WAITING = 8
 """Requests to one service that may wait for their answers."""
-LOOK = 0.5
-"""Seconds between two looks for answers that are overdue."""
+POLL_PERIOD = 0.5
+"""Seconds between two polls of answers that are overdue."""
 
 
 class Client:
@@ -22,14 +22,14 @@ class Client:
         node: asks.
         kind: of the service.
         name: of the service.
-        patience: how long an answer is waited for (s).
+        timeout: how long an answer is waited for (s).
     """
 
-    def __init__(self, node: Node, kind: Any, name: str, patience: float = 5.0) -> None:
-        self._node, self._patience = node, patience
+    def __init__(self, node: Node, kind: Any, name: str, timeout: float = 5.0) -> None:
+        self._node, self._timeout = node, timeout
         self._client = node.create_client(kind, name)
         self._waiting: dict[Any, tuple[float, Callable[[RledError], Any]]] = {}
-        every(node, LOOK, self._give_up)
+        every(node, POLL_PERIOD, self._give_up)
 
     @property
     def name(self) -> str:
@@ -49,11 +49,11 @@ class Client:
             answered: takes the answer; raises a ``RledError`` when it makes no sense.
             failed: told when there is no answer in time, or none that makes sense.
         """
-        if len(self._waiting) >= MOST_WAITING:
+        if len(self._waiting) >= MAX_WAITING:
             failed(RledError(f"{self.name} does not answer"))
             return
         future = self._client.call_async(request)
-        self._waiting[future] = time.monotonic() + self._patience, failed
+        self._waiting[future] = time.monotonic() + self._timeout, failed
 
         def settle(future: Any) -> None:
             if self._waiting.pop(future, None) is None:  # too late
@@ -92,4 +92,4 @@ class Client:
         for future in overdue:
             _, failed = self._waiting.pop(future)
             self._client.remove_pending_request(future)
-            failed(RledError(f"{self.name} has not answered for {self._patience:g} s"))
+            failed(RledError(f"{self.name} has not answered for {self._timeout:g} s"))

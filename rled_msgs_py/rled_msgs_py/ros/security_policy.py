@@ -20,7 +20,7 @@ from rled_msgs_py.files import write_whole
 from rled_msgs_py.ros.node import fresh_context
 
 VERSION = "0.2.0"
-LOOK = 0.2
+POLL_PERIOD = 0.2
 """Seconds between two looks at the graph."""
 
 
@@ -40,7 +40,7 @@ class Rights(NamedTuple):
         return f"{self.namespace.rstrip('/')}/{self.node}"
 
 
-def look(observer: Node) -> list[Rights]:
+def observe(observer: Node) -> list[Rights]:
     """What each node is seen to do now; hidden nodes and the observer itself are left out."""
 
     def names(found: Iterable[tuple[str, list[str]]]) -> frozenset[str]:
@@ -66,8 +66,8 @@ def watch(context: Context, seconds: float) -> list[Rights]:
     seen: dict[str, Rights] = {}
     deadline = time.monotonic() + seconds
     while time.monotonic() < deadline:
-        time.sleep(LOOK)
-        for now in look(observer):
+        time.sleep(POLL_PERIOD)
+        for now in observe(observer):
             before = seen.get(now.path, now)
             joined = (one | other for one, other in zip(before[2:], now[2:], strict=True))
             seen[now.path] = Rights(now.namespace, now.node, *joined)

@@ -46,9 +46,11 @@ def line_of(fault: Fault, found: Review, path: Path) -> str:
 
 def remedy(fault: Fault, found: Review, path: Path) -> str:
     """The command that leaves a faulty part out and keeps the most."""
-    moments = found.line.moments
+    moments = found.timeline.moments
     trim, drop = (command("demos", each, path) for each in ("trim", "drop"))
-    if fault.kind == NO_ORDER or found.line.is_anew[moments == fault.last].any():  # both sides cannot stay in one bag
+    if (
+        fault.kind == NO_ORDER or found.timeline.is_anew[moments == fault.last].any()
+    ):  # both sides cannot stay in one bag
         where = found.seconds((fault.first + fault.last) // 2)
         last = found.seconds(int(moments[-1])) if len(moments) else 0.0
         side = f"--to {_seconds(where)}" if where > last - where else f"--from {_seconds(where)}"

@@ -46,12 +46,12 @@ def describe(bag: Bag, found: Review) -> dict[str, Any]:
         "task": bag.task.task,
         "metadata": bag.metadata,
         "messages": bag.message_count,
-        "seconds": round(found.seconds(int(found.line.moments[-1])), 3) if len(found.line.moments) else 0.0,
+        "seconds": round(found.seconds(int(found.timeline.moments[-1])), 3) if len(found.timeline.moments) else 0.0,
         "topics": [_topic(each) for each in found.series.values() if len(each.stamps)],
         "unanswered": _unanswered(found),
         "lost": sum(fault.kind == LOST for fault in found.faults),
         "faults": len(found.faults),
-        "coverage": round(coverage(found.line.position[:, list(bag.task.axes)]), 3),
+        "coverage": round(coverage(found.timeline.position[:, list(bag.task.axes)]), 3),
         "episodes": _episodes(found),
     }
 
@@ -92,7 +92,7 @@ def _topic(each: Series) -> dict[str, Any]:
 
 def _unanswered(found: Review) -> int:
     """Ticks but the last without a displacement, inside episodes or not."""
-    return int((~found.line.answered[:-1]).sum()) if len(found.series[JOINT_DELTA.name].stamps) else 0
+    return int((~found.timeline.answered[:-1]).sum()) if len(found.series[JOINT_DELTA.name].stamps) else 0
 
 
 def _episodes(found: Review) -> list[dict[str, Any]]:
@@ -103,7 +103,7 @@ def _episodes(found: Review) -> list[dict[str, Any]]:
                 "episode": episode.number,
                 "begin_s": round(found.seconds(episode.first), 2),
                 "seconds": round((episode.last - episode.first) / NANOSECONDS, 2),
-                "targets": len(episode.legs),
+                "targets": len(episode.segments),
                 **{name: round(value, 3) for name, value in quality._asdict().items()},
                 "kept": "yes" if episode.kept else "no",
                 "operator": episode.operator,

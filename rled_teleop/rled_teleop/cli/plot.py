@@ -31,7 +31,7 @@ class Plot:
         require_output(self.output, "paths.png", "joints.png")
         bag = Bag(self.bag)
         found = review(bag)
-        if not len(found.line.moments):
+        if not len(found.timeline.moments):
             raise RledError(f"{self.bag} has no ticks to draw", "a bag with states")
         draw_paths(self.output / "paths.png", found, bag.task)
         draw_joints(self.output / "joints.png", found, bag.task)
@@ -40,14 +40,14 @@ class Plot:
 
 
 def draw_paths(path: Path, found: Review, task: TaskDescription) -> None:
-    """Paths of the end effector, seen along the axis of the least extent; green is good, red is poor."""
-    left, right = widest_plane(found.line.position)
+    """Paths of the end effector, seen along the axis of the smallest extent; green is good, red is poor."""
+    left, right = widest_plane(found.timeline.position)
     with picture(path, 7.5, 6.0) as axes:
         for episode, quality in zip(found.episodes, found.qualities, strict=True):
-            for leg in episode.legs:
-                way = found.line.position[leg.first : leg.last + 1]
-                axes.plot(way[:, left], way[:, right], "-", color=_colour(quality.score), linewidth=1.0)
-                goal = found.line.target[leg.first]
+            for segment in episode.segments:
+                line = found.timeline.position[segment.first : segment.last + 1]
+                axes.plot(line[:, left], line[:, right], "-", color=_colour(quality.score), linewidth=1.0)
+                goal = found.timeline.target[segment.first]
                 axes.plot(goal[left], goal[right], ".", color="0.3", markersize=3)
         for label, score in (("path, quality 1", 1.0), ("path, quality 0", 0.0)):
             axes.plot([], [], "-", color=_colour(score), label=label)
@@ -59,13 +59,13 @@ def draw_paths(path: Path, found: Review, task: TaskDescription) -> None:
 
 def draw_joints(path: Path, found: Review, task: TaskDescription) -> None:
     """Joint angles over time, every other episode shaded."""
-    seconds = np.array([found.seconds(int(moment)) for moment in found.line.moments])
+    seconds = np.array([found.seconds(int(moment)) for moment in found.timeline.moments])
     with picture(path, 9.0, 4.5) as axes:
         for number, episode in enumerate(found.episodes[::2]):
             label = "_" if number else "episodes 0, 2, 4 ..." if len(found.episodes) > 2 else "episode 0"
             span = found.seconds(episode.first), found.seconds(episode.last)
             axes.axvspan(*span, color="0.88", linewidth=0, label=label)
-        for name, angles in zip(task.joint_names, found.line.q.T, strict=True):
+        for name, angles in zip(task.joint_names, found.timeline.q.T, strict=True):
             axes.plot(seconds, angles, linewidth=1.0, label=name)
         axes.set(xlabel="time (s)", ylabel="joint angle (rad)", title=f"{task.robot}: joints")
         legend_beside(axes)
@@ -76,7 +76,7 @@ def _colour(score: float) -> tuple[float, float, float, float]:
 
 
 def widest_plane(positions: Floats) -> tuple[int, int]:
-    """The two axes, in order, of the greatest extent of positions (m), shape (k, 3)."""
-    least = int(np.ptp(positions, axis=0)[::-1].argmin())
-    left, right = (axis for axis in range(3) if axis != 2 - least)
+    """The two axes, in order, of the largest extent of positions (m), shape (k, 3)."""
+    narrowest = int(np.ptp(positions, axis=0)[::-1].argmin())
+    left, right = (axis for axis in range(3) if axis != 2 - narrowest)
     return left, right

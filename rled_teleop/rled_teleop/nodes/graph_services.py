@@ -97,7 +97,7 @@ class GraphServices:
         request = SetParameters.Request(parameters=[Parameter(name=name, value=_value(value))])
         self._set.ask(request, partial(self._on_set, name, value), partial(self._on_failure, name))
 
-    def look(self) -> None:
+    def poll(self) -> None:
         """Ask for the agent's parameters; call it now and then."""
         if not self.has_agent:
             self.parameters = {}

@@ -10,11 +10,11 @@ from rclpy.node import Node
 from rled_msgs_py.errors import ContractError, RledError
 from rled_msgs_py.params import param
 from rled_msgs_py.records import DeltaCommand, Text
-from rled_msgs_py.ros.awaiting import brought_by
 from rled_msgs_py.ros.callbacks import every
 from rled_msgs_py.ros.command_output import CommandOutput
-from rled_msgs_py.ros.life import keeps_time
+from rled_msgs_py.ros.liveliness import has_deadline
 from rled_msgs_py.ros.node import subscribe, subscribe_ticks
+from rled_msgs_py.ros.waiting import waiting_for
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import Tick
 from rled_msgs_py.topics import HUMAN_JOINT_DELTA, JOINT_DELTA, JOINT_STATES, ROBOT_DESCRIPTION, TASK_DESCRIPTION
@@ -26,16 +26,16 @@ Vector = NDArray[np.float64]
 Steer = Callable[[Jog, Vector], Vector | None]
 """Makes Δq (rad) of joint angles (rad), both of shape (n,); None when the person has let go."""
 
-LOOK = 0.005
-"""Seconds between two looks at keys, devices and ticks that wait."""
-GONE = 1.0
+POLL_PERIOD = 0.005
+"""Seconds between two polls of keys, devices and ticks that wait."""
+ROBOT_TIMEOUT = 1.0
 """Seconds without a tick after which another robot may take the place of the one that was driven."""
 SLACK = 0.5
 """Share of a period that ticks of a real-time simulation may come early or late without being waited for."""
 
 
 @dataclass(frozen=True)
-class DrivingParams:
+class OperatorBaseParams:
     """Parameters of every operator that a person drives with."""
 
     timeout: float = param(
@@ -48,7 +48,7 @@ class DrivingParams:
     )
 
 
-class Driving:
+class OperatorBase:
     """Answers ticks with a displacement; zero when the person has let go.
 
     In lockstep the simulation waits for the answer, so this keeps real time for both of them: one answer each period.
@@ -97,8 +97,8 @@ class Driving:
     def awaited(self) -> str:
         """What is waited for before anything can move; empty when nothing is."""
         if self.jog is None:
-            return brought_by(self._node, "sim_node", f"{TASK_DESCRIPTION.name} and {ROBOT_DESCRIPTION.name}")
-        return brought_by(self._node, "sim_node", JOINT_STATES.name) if self.tick is None else ""
+            return waiting_for(self._node, "sim_node", f"{TASK_DESCRIPTION.name} and {ROBOT_DESCRIPTION.name}")
+        return waiting_for(self._node, "sim_node", JOINT_STATES.name) if self.tick is None else ""
 
     def stand(self, beside_agent: bool) -> None:
         """Answer alone from now on, or stand beside an agent; the other topic's publisher stays, and is silent."""
@@ -115,8 +115,8 @@ class Driving:
             self._outputs[beside_agent] = CommandOutput(self._node, topic)
         return self._outputs[beside_agent]
 
-    def look(self) -> None:
-        """Answer the newest tick if it is time; call it every ``LOOK``."""
+    def poll(self) -> None:
+        """Answer the newest tick if it is time; call it every ``POLL_PERIOD``."""
         if self.jog is None or self.tick is None or self._is_answered:
             return
         now = time.monotonic()
@@ -125,9 +125,9 @@ class Driving:
             self._due = max(self._due, now - SLACK * period) + period
             self._answer(self.jog, self.tick)
 
-    def start_timer(self, look: Callable[[], None]) -> None:
-        """Call ``look`` by the wall clock."""
-        every(self._node, LOOK, look)
+    def start_timer(self, poll: Callable[[], None]) -> None:
+        """Call ``poll`` by the wall clock."""
+        every(self._node, POLL_PERIOD, poll)
 
     def _answer(self, jog: Jog, tick: Tick) -> None:
         self._is_answered = True
@@ -143,16 +143,16 @@ class Driving:
 
     def _on_tick(self, tick: Tick) -> None:
         if self._has_clock is None or (self.tick is not None and tick.stamp < self.tick.stamp):
-            self._has_clock = keeps_time(self._node, JOINT_STATES)
+            self._has_clock = has_deadline(self._node, JOINT_STATES)
         self.tick, self._is_answered = tick if self.jog is None else tick.ordered(self.jog.task.joint_names), False
         self._heard = time.monotonic()
         self._output.withdraw()
         self._watch(self.tick)
-        self.look()
+        self.poll()
 
     def _on_task(self, text: Text) -> None:
         task = TaskDescription.from_json(text.data)
-        if self.jog is not None and time.monotonic() < self._heard + GONE:
+        if self.jog is not None and time.monotonic() < self._heard + ROBOT_TIMEOUT:
             self.jog.task.require_same_robot(task, "the new description")
         self._describe(task, self._urdf)
 

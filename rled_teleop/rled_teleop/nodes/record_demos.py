@@ -24,9 +24,9 @@ from rled_teleop.recording.params import RecordParams
 from rled_teleop.recording.summary import summarise
 from rled_teleop.recording.unfinished import repair_unfinished
 
-SPIN = 0.05
+SPIN_TIMEOUT = 0.05
 """Longest wait for a message before signals and children are looked at again (s)."""
-LAST_MESSAGES = 2.0
+LAST_MESSAGES_TIMEOUT = 2.0
 """How long messages are waited for after the operator has ended (s)."""
 
 
@@ -109,13 +109,13 @@ def _spin(node: Recorder, stop: Event, children: Children, operator: Child | Non
     executor = EventsExecutor(context=node.context)  # measured: half the processor time of the other executors
     executor.add_node(node)
     while not stop.is_set() and (operator is None or operator.exit_code is None):
-        executor.spin_once(timeout_sec=SPIN)
+        executor.spin_once(timeout_sec=SPIN_TIMEOUT)
         node.check()
         children.check()
     children.check()
-    deadline = time.monotonic() + LAST_MESSAGES
+    deadline = time.monotonic() + LAST_MESSAGES_TIMEOUT
     while operator is not None and not node.is_complete() and time.monotonic() < deadline:
-        executor.spin_once(timeout_sec=SPIN)
+        executor.spin_once(timeout_sec=SPIN_TIMEOUT)
     executor.remove_node(node)
 
 

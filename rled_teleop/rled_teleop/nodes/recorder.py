@@ -10,13 +10,13 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from rled_msgs_py.bags import BagError, BagWriter
 from rled_msgs_py.bags.header import sim_stamp
-from rled_msgs_py.joint_halves import MAX_AGE
+from rled_msgs_py.joint_merger import MAX_AGE
 from rled_msgs_py.messages import encode
 from rled_msgs_py.records import Health, Level, Text
-from rled_msgs_py.ros.awaiting import brought_by, say_what_is_awaited
 from rled_msgs_py.ros.callbacks import every, listen, serve
 from rled_msgs_py.ros.convert import MESSAGE_CLASSES, qos_profile
 from rled_msgs_py.ros.node import advertise, declare
+from rled_msgs_py.ros.waiting import report_waiting, waiting_for
 from rled_msgs_py.tick import STATE_TOPICS
 from rled_msgs_py.topics import (
     DIAGNOSTICS,
@@ -35,20 +35,20 @@ from rled_msgs_py.topics import (
 from std_srvs.srv import SetBool, Trigger
 
 from rled_teleop import __version__
-from rled_teleop.recording.bag_sink import WRITE_PERIOD, Filing
+from rled_teleop.recording.bag_sink import WRITE_PERIOD, BagSink
 from rled_teleop.recording.descriptions import Descriptions
-from rled_teleop.recording.episode_events import REACHED, About, Episodes, Refusal, count_of
-from rled_teleop.recording.message_filter import Readable
+from rled_teleop.recording.episode_events import REACHED, EpisodeEvents, Provenance, Refusal, count_of
+from rled_teleop.recording.message_filter import MessageFilter
 from rled_teleop.recording.params import RecordParams, extra_topics
-from rled_teleop.recording.recent import Recent
-from rled_teleop.recording.start_synchronisation import Early, Opening
+from rled_teleop.recording.recent import RecentMessages
+from rled_teleop.recording.start_synchronisation import EarlyMessage, StartSynchronisation
 
 REPORT_PERIOD = 1.0  # s, on /diagnostics
 HISTORY = 10_000
 """Messages of a topic that wait for the recorder when it is held up."""
 DESCRIPTIONS = (ROBOT_DESCRIPTION, TASK_DESCRIPTION)
 TICKING = (*STATE_TOPICS, JOINT_DELTA, HUMAN_JOINT_DELTA)  # whose messages belong to a tick
-LAST_WORDS = Duration(seconds=1)  # for the last report to reach its subscribers
+LAST_REPORT_TIMEOUT = Duration(seconds=1)  # for the last report to reach its subscribers
 
 
 class Recorder(Node):
@@ -65,13 +65,13 @@ class Recorder(Node):
         super().__init__("record_demos", **options)
         self.params = declare(self, RecordParams)
         self._topics = (*extra_topics(self.params.topics), *RECORDED)
-        self._recent, self.descriptions = Recent(), Descriptions()
-        self._episodes = Episodes(About(self.params.operator_name or self.params.operator, __version__))
-        self._described, self._is_awaited, self._opening = False, not self.params.paused, Opening()
+        self._recent, self.descriptions = RecentMessages(), Descriptions()
+        self._episodes = EpisodeEvents(Provenance(self.params.operator_name or self.params.operator, __version__))
+        self._described, self._is_awaited, self._synchronisation = False, not self.params.paused, StartSynchronisation()
         self._after = self._until = -1  # stamps of the newest tick when the episode began and when the last one ended
         self._silent: list[Topic] = []  # not listened to before somebody publishes there
         self._failure: BagError | None = None
-        self._readable = Readable(self.get_logger().warning)
+        self._filter = MessageFilter(self.get_logger().warning)
         self._marks = (advertise(self, MARKED_JOINT_STATES), advertise(self, MARKED_EE_POSE))
         self._events, self._reports = advertise(self, EPISODE_EVENTS), advertise(self, DIAGNOSTICS)
         serve(self, SetBool, "~/record", self._on_record)
@@ -85,11 +85,11 @@ class Recorder(Node):
         It listens to the descriptions first, and to the rest once they are there, to ``joint_delta`` last: whoever sees
         that can begin.
         """
-        self._filing = Filing(bag, self._topics)
+        self._sink = BagSink(bag, self._topics)
         every(self, WRITE_PERIOD, partial(self._safely, self._go_on))
         every(self, WRITE_PERIOD, self._listen_to_who_speaks)
         every(self, REPORT_PERIOD, self._report)
-        say_what_is_awaited(self, self._awaited)
+        report_waiting(self, self._awaited)
         for topic in DESCRIPTIONS:
             self._listen(topic)
 
@@ -98,7 +98,7 @@ class Recorder(Node):
         if not missing and self._is_awaited:
             missing = [topic.name for topic in STATE_TOPICS if self._recent.newest(topic) is None]
         if missing:
-            return brought_by(self, "sim_node", ", ".join(missing))
+            return waiting_for(self, "sim_node", ", ".join(missing))
         if self._is_awaited or self._episodes.running:
             return ""
         return f"{self.get_name()}/record: press b in teleop_keyboard, 'Begin episode' on the page, or call the service"
@@ -109,7 +109,7 @@ class Recorder(Node):
         complete = min(newest) if min(newest) >= 0 else max(newest)
         if self._episodes.running:
             self._tell(self._episodes.stop(max(complete, self._after)))
-        self._filing.write_rest(lambda each: each.topic not in TICKING or each.stamp <= complete)
+        self._sink.write_rest(lambda each: each.topic not in TICKING or each.stamp <= complete)
 
     def check(self) -> None:
         """Raise the BagError that has ended the recording, if one has."""
@@ -126,7 +126,7 @@ class Recorder(Node):
         listen(self, MESSAGE_CLASSES[topic.type], topic.name, qos, received)
 
     def _received(self, topic: Topic, data: bytes) -> None:
-        if not self._readable.holds(topic, data):
+        if not self._filter.accepts(topic, data):
             return
         stamp = sim_stamp(topic.name, topic.type, data) or 0
         slack = MAX_AGE if topic == JOINT_STATES else 0  # which may have several publishers
@@ -139,22 +139,22 @@ class Recorder(Node):
             self.get_logger().warning(self.descriptions.warning, throttle_duration_sec=1.0)
             self._report()
         if topic in DESCRIPTIONS or self._belongs(topic, stamp):
-            self._filing.take(topic, data)
+            self._sink.take(topic, data)
         elif self._is_awaited and topic in TICKING:
-            self._opening.add(Early(topic, self._filing.keep(topic, data), stamp, data))
+            self._synchronisation.add(EarlyMessage(topic, self._sink.keep(topic, data), stamp, data))
         if topic in DESCRIPTIONS:
             self._listen_to_the_rest()
         self._go_on()
 
     def _begin_when_ready(self) -> None:
-        if not (self._is_awaited and self._opening.is_ready()):
+        if not (self._is_awaited and self._synchronisation.is_ready()):
             return
         self._is_awaited = False
-        chosen, others = self._opening.messages()
+        chosen, others = self._synchronisation.messages()
         for each in others:
-            self._filing.forget(each.number)
+            self._sink.forget(each.number)
         for each in sorted(chosen, key=attrgetter("stamp")):
-            self._filing.add(each.topic, each.data, each.number)
+            self._sink.add(each.topic, each.data, each.number)
             if not self._episodes.running:
                 self._after = each.stamp - 1
                 self._tell(self._episodes.start(each.stamp))
@@ -193,7 +193,7 @@ class Recorder(Node):
     def _go_on(self) -> None:
         """What is to be done again and again; called on messages too, because a burst of them keeps timers waiting."""
         self._begin_when_ready()
-        self._filing.write_when_due()
+        self._sink.write_when_due()
 
     def _safely(self, callback: Callable[..., None], *values: Any) -> None:
         """Say loudly when the bag cannot be written any more; an executor would print a traceback."""
@@ -205,7 +205,7 @@ class Recorder(Node):
             self._failure = error
             self._health(Level.ERROR, f"RECORDING STOPPED: {error}")
             self.get_logger().fatal(f"RECORDING STOPPED: {error}")
-            self._reports.wait_for_all_acked(LAST_WORDS)
+            self._reports.wait_for_all_acked(LAST_REPORT_TIMEOUT)
 
     def _report(self) -> None:
         doing = f"recording episode {self._episodes.number}" if self._episodes.running else "paused"
@@ -214,8 +214,8 @@ class Recorder(Node):
         self._health(Level.WARN if warning else Level.OK, f"{doing}; {warning}" if warning else doing)
 
     def _health(self, level: Level, message: str) -> None:
-        values = {"episode": str(self._episodes.number), "messages": str(self._filing.kept)}
-        values |= {f"unreadable {name}": str(count) for name, count in self._readable.refused.items()}
+        values = {"episode": str(self._episodes.number), "messages": str(self._sink.kept)}
+        values |= {f"unreadable {name}": str(count) for name, count in self._filter.refused.items()}
         now = self.get_clock().now().nanoseconds
         self._reports.publish(encode(DIAGNOSTICS, Health(now, level, "record_demos: bag", message, values)))
 
@@ -225,7 +225,7 @@ class Recorder(Node):
     def _tell(self, event: str) -> None:
         """Record an event beside the messages of its time, and tell everybody."""
         data = encode(EPISODE_EVENTS, Text(event))
-        self._filing.take(EPISODE_EVENTS, data)
+        self._sink.take(EPISODE_EVENTS, data)
         self._events.publish(data)
 
     def _on_record(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:

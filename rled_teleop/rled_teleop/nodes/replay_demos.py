@@ -16,10 +16,10 @@ from rclpy.publisher import Publisher
 from rled_msgs_py.bags.storage import BagTopic
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.params import param
-from rled_msgs_py.ros.awaiting import brought_by, say_what_is_awaited
 from rled_msgs_py.ros.callbacks import every, serve
 from rled_msgs_py.ros.convert import qos_profile
 from rled_msgs_py.ros.node import declare, run_node, spin
+from rled_msgs_py.ros.waiting import report_waiting, waiting_for
 from rled_msgs_py.topics import JOINT_DELTA, Qos
 from std_srvs.srv import SetBool
 
@@ -27,13 +27,13 @@ from rled_teleop.operators.terminal import Screen, TerminalGone, keyboard_screen
 from rled_teleop.recording.bag_messages import Recording, is_latched, quality, read_recording
 from rled_teleop.recording.player import Player
 
-LOOK = 0.002
-"""Seconds between two looks at what is due."""
+POLL_PERIOD = 0.002
+"""Seconds between two polls of what is due."""
 HISTORY = 1000
 """Messages of a topic kept for readers that are slower; the latched descriptions keep their one."""
-SETTLED = 0.5
+SETTLING_TIME = 0.5
 """Seconds in which no subscriber was matched after which all that are there count as matched."""
-DELIVERY = Duration(seconds=30)
+DELIVERY_TIMEOUT = Duration(seconds=30)
 """How long the last messages are given to reach their subscribers."""
 _fixed = partial(param, read_only=True)
 
@@ -69,14 +69,14 @@ class ReplayDemos(Node):
         self._screen: Screen | None = None
         self._publish(recording.latched_before(self.params.start), range(sys.maxsize))
         serve(self, SetBool, "~/pause", self._on_pause)
-        every(self, LOOK, self._look)
-        say_what_is_awaited(self, self._awaited)
+        every(self, POLL_PERIOD, self._poll)
+        report_waiting(self, self._awaited)
 
     def listen(self, screen: Screen) -> None:
         """Take keys from a terminal."""
         self._screen = screen
 
-    def _look(self) -> None:
+    def _poll(self) -> None:
         now = time.monotonic()
         if self._player is None:
             if not self._is_listened_to(now):
@@ -93,7 +93,7 @@ class ReplayDemos(Node):
         matched = [each.get_subscription_count() for each in self._outputs]
         if matched != self._matched:
             self._matched, self._since = matched, now
-        return self._listeners() >= self.params.wait_for_subscribers and now - self._since >= SETTLED
+        return self._listeners() >= self.params.wait_for_subscribers and now - self._since >= SETTLING_TIME
 
     def _listeners(self) -> int:
         name = self.resolve_topic_name(JOINT_DELTA.name)
@@ -105,7 +105,7 @@ class ReplayDemos(Node):
         if self._player is not None or (there := self._listeners()) >= wanted:
             return ""
         what = f"{wanted} subscribers of {JOINT_DELTA.name} ({there} there)"
-        return brought_by(self, "record_demos or train_expert --live", what)
+        return waiting_for(self, "record_demos or train_expert --live", what)
 
     def _publish(self, recording: Recording, places: range) -> None:
         for place in places[: len(recording.data)]:
@@ -133,7 +133,7 @@ class ReplayDemos(Node):
 
     def _end(self) -> None:
         for output in self._outputs:
-            output.wait_for_all_acked(DELIVERY)
+            output.wait_for_all_acked(DELIVERY_TIMEOUT)
         print(f"{self.params.bag}: {len(self._recording.data)} messages played", flush=True)
         self.context.try_shutdown()
 

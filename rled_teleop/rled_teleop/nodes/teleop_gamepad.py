@@ -10,24 +10,24 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 from rled_msgs_py.params import param
-from rled_msgs_py.ros.awaiting import brought_by, say_what_is_awaited
 from rled_msgs_py.ros.callbacks import ends_node, listen
 from rled_msgs_py.ros.node import declare, run_node
+from rled_msgs_py.ros.waiting import report_waiting, waiting_for
 from sensor_msgs.msg import Joy
 
-from rled_teleop.nodes.operator_base import Driving, DrivingParams
+from rled_teleop.nodes.operator_base import OperatorBase, OperatorBaseParams
 from rled_teleop.nodes.recorder_client import RecorderClient
 from rled_teleop.operators.gamepad import Gamepad, Layout, PadState
 from rled_teleop.operators.gamepad_device import Device, open_pad, read_pad
 from rled_teleop.operators.jog import Jog
 
-MOST_JOY = 4096
+MAX_JOY_BYTES = 4096
 """Bytes of a message on joy: hundreds of axes and buttons."""
 _number = partial(param, low=-1, high=63, read_only=True)
 
 
 @dataclass(frozen=True)
-class GamepadParams(DrivingParams):
+class GamepadParams(OperatorBaseParams):
     """Parameters of the gamepad operator; axes and buttons are numbered as in sensor_msgs/Joy, -1 is none."""
 
     recorder: str = param("record_demos", "name of the recorder's node", read_only=True)
@@ -65,16 +65,16 @@ class TeleopGamepad(Node):
         self._recorder = RecorderClient(self, self._params.recorder)
         self._gamepad: Gamepad | None = None
         self._said = ""
-        self._driving = Driving(self, self._params.beside_agent, self._steer)
+        self._base = OperatorBase(self, self._params.beside_agent, self._steer)
         if self._device is None:
-            listen(self, Joy, "joy", QoSProfile(depth=10), self._on_joy, MOST_JOY)
-        self._driving.start_timer(self._look)
-        say_what_is_awaited(self, self._awaited)
+            listen(self, Joy, "joy", QoSProfile(depth=10), self._on_joy, MAX_JOY_BYTES)
+        self._base.start_timer(self._poll)
+        report_waiting(self, self._awaited)
 
     def _awaited(self) -> str:
-        if (awaited := self._driving.awaited()) or self._is_heard:
+        if (awaited := self._base.awaited()) or self._is_heard:
             return awaited
-        return brought_by(self, "joy_node, or this with --device auto,", "joy")
+        return waiting_for(self, "joy_node, or this with --device auto,", "joy")
 
     def _steer(self, jog: Jog, q: NDArray[Any]) -> NDArray[Any] | None:
         return self._gamepad_of(jog).delta(jog, q, time.monotonic())
@@ -89,20 +89,20 @@ class TeleopGamepad(Node):
         self._is_heard = True
         self._take(PadState(tuple(msg.axes), tuple(map(bool, msg.buttons))))
 
-    def _look(self) -> None:
+    def _poll(self) -> None:
         if self._device is not None:
             with ends_node():
                 state = read_pad(self._device)
             self._take(state)
-        self._driving.look()
+        self._base.poll()
         if self._recorder.answer != self._said:
             self._said = self._recorder.answer
             self.get_logger().info(f"recorder: {self._said}")
 
     def _take(self, state: PadState) -> None:
-        if self._driving.jog is None:
+        if self._base.jog is None:
             return
-        for request in self._gamepad_of(self._driving.jog).take(state, time.monotonic()):
+        for request in self._gamepad_of(self._base.jog).take(state, time.monotonic()):
             self._recorder.ask(request)
 
 

@@ -11,19 +11,19 @@ from rclpy.node import Node
 from rled_msgs_py.params import param
 from rled_msgs_py.ros.node import declare, run_node, spin
 
-from rled_teleop.nodes.operator_base import Driving, DrivingParams
+from rled_teleop.nodes.operator_base import OperatorBase, OperatorBaseParams
 from rled_teleop.nodes.recorder_client import RecorderClient
 from rled_teleop.operators.jog import Jog
-from rled_teleop.operators.keyboard_screen import Shown, screen, waiting_screen
+from rled_teleop.operators.keyboard_screen import ScreenState, screen, waiting_screen
 from rled_teleop.operators.keys import Keyboard, Request
 from rled_teleop.operators.terminal import Screen, TerminalGone, keyboard_screen
 
-REDRAW = 0.1
+REDRAW_PERIOD = 0.1
 """Seconds between two drawings of the screen."""
 
 
 @dataclass(frozen=True)
-class KeyboardParams(DrivingParams):
+class KeyboardParams(OperatorBaseParams):
     """Parameters of the keyboard operator."""
 
     recorder: str = param("record_demos", "name of the recorder's node", read_only=True)
@@ -39,12 +39,12 @@ class TeleopKeyboard(Node):
         self._keyboard: Keyboard | None = None
         self._screen: Screen | None = None
         self._drawn = -np.inf
-        self._driving = Driving(self, self._params.beside_agent, self._steer)
+        self._base = OperatorBase(self, self._params.beside_agent, self._steer)
 
     def begin(self, screen: Screen) -> None:
         """Take keys from a terminal and show the state on it."""
         self._screen = screen
-        self._driving.start_timer(self._look)
+        self._base.start_timer(self._poll)
 
     def _steer(self, jog: Jog, q: NDArray[np.float64]) -> NDArray[np.float64] | None:
         return self._keyboard_of(jog).delta(jog, q, time.monotonic())
@@ -54,7 +54,7 @@ class TeleopKeyboard(Node):
             self._keyboard = Keyboard(jog.task.action_size, self._params.timeout)
         return self._keyboard
 
-    def _look(self) -> None:
+    def _poll(self) -> None:
         assert self._screen is not None
         try:
             for key in self._screen.read():
@@ -63,13 +63,13 @@ class TeleopKeyboard(Node):
             self.context.try_shutdown()
         if not self.context.ok():
             return
-        self._driving.look()
-        if time.monotonic() - self._drawn >= REDRAW:
+        self._base.poll()
+        if time.monotonic() - self._drawn >= REDRAW_PERIOD:
             self._drawn = time.monotonic()
             self._screen.draw(self._lines())
 
     def _press(self, key: str) -> None:
-        jog = self._driving.jog
+        jog = self._base.jog
         if jog is None:
             request = Request.QUIT if key == "Q" else None
         else:
@@ -80,11 +80,11 @@ class TeleopKeyboard(Node):
             self._recorder.ask(request)
 
     def _lines(self) -> list[str]:
-        jog, tick = self._driving.jog, self._driving.tick
+        jog, tick = self._base.jog, self._base.tick
         if jog is None or tick is None:
-            return waiting_screen(self._driving.awaited(), self._recorder.answer)
+            return waiting_screen(self._base.awaited(), self._recorder.answer)
         keyboard = self._keyboard_of(jog)
-        shown = Shown(jog.task, tick, keyboard.motion(time.monotonic()), self._driving.delta, self._recorder.answer)
+        shown = ScreenState(jog.task, tick, keyboard.motion(time.monotonic()), self._base.delta, self._recorder.answer)
         return screen(keyboard, shown)
 
 

@@ -12,13 +12,13 @@ from rled_msgs_py.errors import RledError
 from rled_msgs_py.messages import decode
 from rled_msgs_py.params import param
 from rled_msgs_py.records import JointSample
-from rled_msgs_py.ros.awaiting import brought_by, say_what_is_awaited
 from rled_msgs_py.ros.callbacks import ends_node, listen
 from rled_msgs_py.ros.convert import MESSAGE_CLASSES, qos_profile
 from rled_msgs_py.ros.node import declare, run_node
+from rled_msgs_py.ros.waiting import report_waiting, waiting_for
 from rled_msgs_py.topics import JOINT_STATE, JOINT_STATES, Qos
 
-from rled_teleop.nodes.operator_base import Driving, DrivingParams
+from rled_teleop.nodes.operator_base import OperatorBase, OperatorBaseParams
 from rled_teleop.operators.demonstration import demonstrated_action
 from rled_teleop.operators.jog import Jog
 from rled_teleop.operators.mapping import RecordingMapping
@@ -29,7 +29,7 @@ DEVICE_QOS = Qos(depth=1, reliability="best_effort")
 
 
 @dataclass(frozen=True)
-class KinestheticParams(DrivingParams):
+class KinestheticParams(OperatorBaseParams):
     """Parameters of kinesthetic mode."""
 
     device_topic: str = _fixed("device/joint_states", "sensor_msgs/JointState of the device that a person moves")
@@ -90,24 +90,24 @@ class Follower:
 
 
 class TeleopKinesthetic(Node):
-    """Answers each tick with the way towards the device's joints."""
+    """Answers each tick with a displacement towards the device's joints."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__("teleop_kinesthetic", **options)
         self._params = declare(self, KinestheticParams)
         self._follower: Follower | None = None
-        self._driving = Driving(self, self._params.beside_agent, self._steer)
+        self._base = OperatorBase(self, self._params.beside_agent, self._steer)
         message, qos = MESSAGE_CLASSES[JOINT_STATE], qos_profile(DEVICE_QOS)
         listen(self, message, self._params.device_topic, qos, self._on_device)
-        self._driving.start_timer(self._driving.look)
-        say_what_is_awaited(self, self._awaited)
+        self._base.start_timer(self._base.poll)
+        report_waiting(self, self._awaited)
 
     def _awaited(self) -> str:
-        if awaited := self._driving.awaited():
+        if awaited := self._base.awaited():
             return awaited
         program = "the driver of the device, or name its topic with --device-topic,"
         is_heard = self._follower is not None and self._follower.is_heard
-        return "" if is_heard else brought_by(self, program, self._params.device_topic)
+        return "" if is_heard else waiting_for(self, program, self._params.device_topic)
 
     def _steer(self, jog: Jog, q: NDArray[np.float64]) -> NDArray[np.float64] | None:
         return self._follower_of(jog).delta(jog, q, time.monotonic())
@@ -120,9 +120,9 @@ class TeleopKinesthetic(Node):
         return self._follower
 
     def _on_device(self, data: bytes) -> None:
-        if self._driving.jog is None:
+        if self._base.jog is None:
             return
-        follower = self._follower_of(self._driving.jog)
+        follower = self._follower_of(self._base.jog)
         try:
             sample = decode(JOINT_STATES, data)
             assert isinstance(sample, JointSample)

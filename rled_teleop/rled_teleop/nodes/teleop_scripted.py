@@ -10,10 +10,10 @@ from rled_msgs_py.errors import ContractError
 from rled_msgs_py.messages import encode
 from rled_msgs_py.params import param
 from rled_msgs_py.records import Text
-from rled_msgs_py.ros.awaiting import brought_by, say_what_is_awaited
 from rled_msgs_py.ros.callbacks import ends_node, every
 from rled_msgs_py.ros.command_output import CommandOutput
 from rled_msgs_py.ros.node import advertise, declare, run_node, subscribe, subscribe_ticks
+from rled_msgs_py.ros.waiting import report_waiting, waiting_for
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import STATE_NAMES, Tick
 from rled_msgs_py.topics import (
@@ -31,7 +31,7 @@ from rled_teleop.operators.imperfection import Hand, Imperfection
 from rled_teleop.operators.scripted import ScriptedOperator, require_reachable, spread
 from rled_teleop.progress import Progress
 
-DELIVERY = Duration(seconds=2)
+DELIVERY_TIMEOUT = Duration(seconds=2)
 """How long the last messages are given to reach their subscribers."""
 
 
@@ -44,10 +44,10 @@ class ScriptedParams:
     )
     trajectories: int = param(50, "targets to reach after that (ζᵇ)", low=0, high=1_000_000)
     seed: int = param(0, "seed of the imperfections", low=0, high=2**31 - 1)
-    tremor: float = param(0.0, "deviation of noise on each joint displacement, as a share of Δq_max", low=0.0, high=1.0)
+    tremor: float = param(0.0, "std of noise on each joint displacement, as a share of Δq_max", low=0.0, high=1.0)
     pause_probability: float = param(0.0, "chance at each step that a pause begins", low=0.0, high=0.9)
     pause_steps: float = param(10.0, "mean length of a pause (steps)", low=1.0, high=10_000.0)
-    overshoot: float = param(0.0, "how far a motion goes past its goal, as a share of its way", low=0.0, high=1.0)
+    overshoot: float = param(0.0, "how far a motion goes past its goal, as a share of its length", low=0.0, high=1.0)
     joint_tolerance: float = param(1e-6, "joint error at which a point counts as arrived at (rad)", low=1e-9, high=0.1)
     wait_for_subscribers: int = param(1, "subscribers of joint_delta to wait for before the start", low=1, high=100)
 
@@ -71,7 +71,7 @@ class TeleopScripted(Node):
         subscribe(self, ROBOT_DESCRIPTION, self._on_robot)
         subscribe_ticks(self, self._on_tick)
         every(self, 0.05, self._answer)  # subscribers come late
-        say_what_is_awaited(self, self._awaited)
+        report_waiting(self, self._awaited)
 
     def _on_task(self, text: Text) -> None:
         self._task = TaskDescription.from_json(text.data)
@@ -86,12 +86,12 @@ class TeleopScripted(Node):
 
     def _awaited(self) -> str:
         if self._task is None or not self._urdf:
-            return brought_by(self, "sim_node", f"{TASK_DESCRIPTION.name} and {ROBOT_DESCRIPTION.name}")
+            return waiting_for(self, "sim_node", f"{TASK_DESCRIPTION.name} and {ROBOT_DESCRIPTION.name}")
         if self._operator is None and not self._is_listened_to():
             there, wanted = self._delta.publisher.get_subscription_count(), self._params.wait_for_subscribers
             what = f"{wanted} subscribers of {JOINT_DELTA.name} ({there} there)"
-            return brought_by(self, "record_demos" if there else "sim_node", what)
-        return brought_by(self, "sim_node", ", ".join(STATE_NAMES)) if self._operator is None else ""
+            return waiting_for(self, "record_demos" if there else "sim_node", what)
+        return waiting_for(self, "sim_node", ", ".join(STATE_NAMES)) if self._operator is None else ""
 
     def _answer(self) -> None:
         if self._tick is None or not self._ready():
@@ -130,7 +130,7 @@ class TeleopScripted(Node):
 
     def _end(self) -> None:
         for publisher in (self._marked_joints, self._marked_pose, self._delta.publisher):
-            publisher.wait_for_all_acked(DELIVERY)
+            publisher.wait_for_all_acked(DELIVERY_TIMEOUT)
         for bar in self._bars:
             bar.close()
         self.context.try_shutdown()

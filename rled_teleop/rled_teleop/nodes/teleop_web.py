@@ -22,15 +22,15 @@ from rled_msgs_py.ros.node import declare, run_node
 
 from rled_teleop.web.access import access_for
 from rled_teleop.web.params import WebParams
-from rled_teleop.web.set_point import OPERATOR, OrderSlot
+from rled_teleop.web.set_point import OPERATOR, SetPointSlot
 from rled_teleop.web.token import Token, given_token
 
 if TYPE_CHECKING:
     from rled_teleop.web.control import Control
-    from rled_teleop.web.graph_state import Watched
+    from rled_teleop.web.graph_state import GraphState
 
 IS_TOKEN = re.compile(r"(.*:)?token:=")
-SPIN = 0.05
+SPIN_TIMEOUT = 0.05
 """Longest wait for a message before signals, children and page are looked at again (s)."""
 
 
@@ -40,12 +40,12 @@ class PageThread:
     Args:
         params: of the page.
         token: that opens it.
-        watched: what the graph says.
+        graph: what the graph says.
         control: what visitors want.
     """
 
-    def __init__(self, params: WebParams, token: Token, watched: "Watched", control: "Control") -> None:
-        self._params, self._token, self._watched, self._control = params, token, watched, control
+    def __init__(self, params: WebParams, token: Token, graph: "GraphState", control: "Control") -> None:
+        self._params, self._token, self._graph, self._control = params, token, graph, control
         self._stop = Event()
         self._error: BaseException | None = None
         self._thread = Thread(target=self._run, name="page")
@@ -76,7 +76,7 @@ class PageThread:
 
         params = self._params
         access = access_for(params.host, self._token.word)
-        page = Page(params.host, params.port, access, self._watched, self._control, Path(params.output))
+        page = Page(params.host, params.port, access, self._graph, self._control, Path(params.output))
         print(f"page: {address(params, self._token)}", flush=True)
         try:
             page.run(self._stop)
@@ -111,12 +111,12 @@ def serve(node: Node, stop: Event) -> None:
     access_for(params.host, token.word)
     if token.warning:
         node.get_logger().warning(token.warning)
-    orders = OrderSlot()
+    set_points = SetPointSlot()
     with Children() as children:
         _start(children, params)
-        operator = _start_operator(children, orders.file)
+        operator = _start_operator(children, set_points.file)
         Thread(target=_prepare, args=(params.robot,), daemon=True).start()
-        page = _open(node, params, token, orders)
+        page = _open(node, params, token, set_points)
 
         def check() -> None:
             children.check()
@@ -130,14 +130,14 @@ def serve(node: Node, stop: Event) -> None:
             page.close()
 
 
-def _open(node: Node, params: WebParams, token: Token, orders: OrderSlot) -> PageThread:
-    from rled_teleop.nodes.graph_link import Graph
+def _open(node: Node, params: WebParams, token: Token, set_points: SetPointSlot) -> PageThread:
+    from rled_teleop.nodes.graph_link import GraphLink
     from rled_teleop.web.control import Control
-    from rled_teleop.web.graph_state import Watched
+    from rled_teleop.web.graph_state import GraphState
 
-    watched, control = Watched(), Control(params.timeout, orders.put)
-    Graph(node, params, watched, control)
-    return PageThread(params, token, watched, control)
+    graph, control = GraphState(), Control(params.timeout, set_points.put)
+    GraphLink(node, params, graph, control)
+    return PageThread(params, token, graph, control)
 
 
 def _start(children: Children, params: WebParams) -> None:
@@ -152,10 +152,10 @@ def _start(children: Children, params: WebParams) -> None:
         children.start([str(beside) if beside.is_file() else name, *options, *_named(params.agent)])
 
 
-def _start_operator(children: Children, orders: int) -> Child:
+def _start_operator(children: Children, set_points: int) -> Child:
     """Start what answers ticks."""
-    command = [*program("rled_teleop", OPERATOR), "--orders", str(orders), *_named(OPERATOR)]
-    return children.start(command, files=(orders,))
+    command = [*program("rled_teleop", OPERATOR), "--set-points", str(set_points), *_named(OPERATOR)]
+    return children.start(command, files=(set_points,))
 
 
 def _named(name: str) -> list[str]:
@@ -176,10 +176,10 @@ def _spin(node: Node, stop: Event, check: Callable[[], None]) -> None:
     due = 0.0
     try:
         while not stop.is_set() and node.context.ok():
-            executor.spin_once(timeout_sec=SPIN)
+            executor.spin_once(timeout_sec=SPIN_TIMEOUT)
             raise_ending(node)
             if (now := time.monotonic()) >= due:
-                due = now + SPIN
+                due = now + SPIN_TIMEOUT
                 check()
     finally:
         executor.remove_node(node)

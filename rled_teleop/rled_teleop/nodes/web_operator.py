@@ -1,6 +1,6 @@
-"""Node: answers each tick with what the page orders. ``teleop_web`` starts it, in a process of its own.
+"""Node: answers each tick with the page's set point. ``teleop_web`` starts it, in a process of its own.
 
-Nothing that a visitor does can delay it: it shares no interpreter with the page, and looks at the newest order instead
+Nothing that a visitor does can delay it: it shares no interpreter with the page, and reads the newest set point instead
 of being told.
 """
 
@@ -17,9 +17,9 @@ from rclpy.node import Node
 from rled_msgs_py.params import param
 from rled_msgs_py.ros.node import declare, run_node, spin
 
-from rled_teleop.nodes.operator_base import Driving
+from rled_teleop.nodes.operator_base import OperatorBase
 from rled_teleop.operators.jog import Jog
-from rled_teleop.web.set_point import OPERATOR, OrderSlot
+from rled_teleop.web.set_point import OPERATOR, SetPointSlot
 from rled_teleop.web.steering import steer
 
 
@@ -27,22 +27,22 @@ from rled_teleop.web.steering import steer
 class OperatorParams:
     """Parameters of the page's operator."""
 
-    orders: int = param(-1, "open file with the page's orders, from teleop_web", read_only=True)
+    set_points: int = param(-1, "open file with the page's set points, from teleop_web", read_only=True)
 
 
 class WebOperator(Node):
-    """Moves the robot while the page wants it and lives; a wish that it does not renew ends by itself."""
+    """Moves the robot while the page wants it and lives; a command that it does not renew ends by itself."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(OPERATOR, **options)
-        self._slot = OrderSlot(declare(self, OperatorParams).orders)
+        self._slot = SetPointSlot(declare(self, OperatorParams).set_points)
         self._page = os.getppid()
-        self._driving = Driving(self, True, self._steer)
-        self._driving.start_timer(self._look)
+        self._base = OperatorBase(self, True, self._steer)
+        self._base.start_timer(self._poll)
 
-    def _look(self) -> None:
-        self._driving.stand(self._slot.newest().beside)
-        self._driving.look()
+    def _poll(self) -> None:
+        self._base.stand(self._slot.newest().beside)
+        self._base.poll()
 
     def _steer(self, jog: Jog, q: NDArray[np.float64]) -> NDArray[np.float64] | None:
         if os.getppid() != self._page:  # the page was killed

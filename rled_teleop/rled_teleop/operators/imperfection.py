@@ -8,8 +8,8 @@ from rled_msgs_py.task import TaskDescription
 
 Vector = NDArray[np.float64]
 
-TREMOR_SPREAD = 3.0
-"""Standard deviations of tremor within which a shaking hand counts as arrived."""
+TREMOR_STDS = 3.0
+"""Multiples of the std of tremor within which a shaking hand counts as arrived."""
 
 
 @dataclass(frozen=True)
@@ -17,10 +17,10 @@ class Imperfection:
     """How far an operator is from perfect; a perfect one by default.
 
     Attributes:
-        tremor: standard deviation of Gaussian noise on every joint displacement, as a share of Δq_max (1).
+        tremor: std of Gaussian noise on every joint displacement, as a share of Δq_max (1).
         pause_probability: chance that a pause begins at a step (1).
         pause_steps: mean length of a pause, geometrically distributed (steps).
-        overshoot: how far a motion goes past its goal before it comes back, as a share of its way (1).
+        overshoot: how far a motion goes past its goal before it comes back, as a share of its length (1).
     """
 
     tremor: float = 0.0
@@ -43,7 +43,7 @@ class Hand:
         self._pause = 0
 
     def waypoints(self, start: Vector, goal: Vector) -> list[Vector]:
-        """Joint angles (rad), each of shape (n,), that the hand steers to on its way; the last one is the goal."""
+        """Joint angles (rad), each of shape (n,), that the hand steers to in turn; the last one is the goal."""
         overshoot = self._imperfection.overshoot
         if not overshoot:
             return [goal]
@@ -62,7 +62,7 @@ class Hand:
 
     def arrived_within(self, tolerance: float) -> float:
         """Widen a tolerance (rad) to what a trembling hand can hold."""
-        return max(tolerance, TREMOR_SPREAD * self._imperfection.tremor * self._task.max_delta)
+        return max(tolerance, TREMOR_STDS * self._imperfection.tremor * self._task.max_delta)
 
     def _pauses(self) -> bool:
         if self._pause:

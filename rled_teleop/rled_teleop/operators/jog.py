@@ -12,8 +12,8 @@ Vector = NDArray[np.float64]
 LIMIT_MARGIN = 0.01
 """How far from its limits a joint is stopped (rad)."""
 NEAR_SINGULAR = 0.05
-"""Least singular value of the Jacobian (m/rad) below which the damping begins."""
-MOST_DAMPING = 0.1
+"""Smallest singular value of the Jacobian (m/rad) below which the damping begins."""
+MAX_DAMPING = 0.1
 """Damping λ (m/rad) where the Jacobian loses rank."""
 
 
@@ -85,7 +85,7 @@ def scaled_to(delta: Vector, limit: float) -> Vector:
 def damped_inverse(jacobian: Vector, step: Vector) -> Vector:
     """Joint displacement of a task-space step: Jᵀ (J Jᵀ + λ² I)⁻¹ step.
 
-    λ² = λ_max² (1 - (σ / σ_near)²) below the least singular value σ_near and 0 above it (Nakamura and Hanafusa 1986,
+    λ² = λ_max² (1 - (σ / σ_near)²) below the smallest singular value σ_near and 0 above it (Nakamura and Hanafusa 1986,
     in the form of Chiaverini 1997), so that away from singularities the step is made exactly.
 
     Args:
@@ -99,6 +99,6 @@ def damped_inverse(jacobian: Vector, step: Vector) -> Vector:
         return np.zeros(jacobian.shape[1])
     left, sigma, right = np.linalg.svd(jacobian, full_matrices=False)
     near = max(0.0, 1.0 - (float(sigma.min()) / NEAR_SINGULAR) ** 2) if len(sigma) == len(step) else 1.0
-    damped = sigma / (sigma**2 + near * MOST_DAMPING**2)
+    damped = sigma / (sigma**2 + near * MAX_DAMPING**2)
     delta: Vector = right.T @ (damped * (left.T @ step))
     return delta

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import Tick
 
-from rled_teleop.operators.keys import Keyboard, Motion
+from rled_teleop.operators.keys import Keyboard, KeyMotion
 
 Vector = NDArray[np.float64]
 RULE = "-" * 72
@@ -19,7 +19,7 @@ HELP = (
 )
 
 
-class Shown(NamedTuple):
+class ScreenState(NamedTuple):
     """What the screen is drawn from.
 
     Attributes:
@@ -32,7 +32,7 @@ class Shown(NamedTuple):
 
     task: TaskDescription
     tick: Tick
-    motion: Motion | None
+    motion: KeyMotion | None
     delta: Vector | None
     recorder: str
 
@@ -42,7 +42,7 @@ def waiting_screen(awaited: str, recorder: str) -> list[str]:
     return [RULE, f"waiting for {awaited}", f"recorder: {recorder}", RULE, *HELP]
 
 
-def screen(keyboard: Keyboard, shown: Shown) -> list[str]:
+def screen(keyboard: Keyboard, shown: ScreenState) -> list[str]:
     """Lines to show."""
     tick, task = shown.tick, shown.task
     q = tick.joints.ordered(task.joint_names).position
@@ -62,7 +62,7 @@ def screen(keyboard: Keyboard, shown: Shown) -> list[str]:
     ]
 
 
-def describe(keyboard: Keyboard, task: TaskDescription, motion: Motion | None) -> str:
+def describe(keyboard: Keyboard, task: TaskDescription, motion: KeyMotion | None) -> str:
     """What is moved, or why a key moves nothing, in words."""
     if keyboard.refused:
         return keyboard.refused

@@ -50,7 +50,7 @@ FASTER, SLOWER = ("+", "="), ("-", "_")
 
 
 @dataclass(frozen=True)
-class Motion:
+class KeyMotion:
     """What a held key moves: one joint, or the end effector.
 
     Attributes:
@@ -78,7 +78,7 @@ class Keyboard:
 
     def __init__(self, joints: int, timeout: float) -> None:
         self.joints, self._timeout = joints, timeout
-        self._motion: Motion | None = None
+        self._motion: KeyMotion | None = None
         self._until = -np.inf
         self.joint, self.speed, self.refused = 0, SPEEDS.index(1 / 4), ""
 
@@ -94,9 +94,9 @@ class Keyboard:
             self.stop()
             return REQUESTS[key]
         if key in LINEAR:
-            self._move(Motion(None, LINEAR[key]), now)
+            self._move(KeyMotion(None, LINEAR[key]), now)
         elif key in TURNS:
-            self._move(Motion(self.joint, (TURNS[key],)), now)
+            self._move(KeyMotion(self.joint, (TURNS[key],)), now)
         elif key in FASTER or key in SLOWER:
             self.speed = min(max(self.speed + (1 if key in FASTER else -1), 0), len(SPEEDS) - 1)
         else:
@@ -115,7 +115,7 @@ class Keyboard:
         """Let go of every key."""
         self._motion = None
 
-    def motion(self, now: float) -> Motion | None:
+    def motion(self, now: float) -> KeyMotion | None:
         """What is moved at a time (s); None when no key is held."""
         return self._motion if now < self._until else None
 
@@ -129,5 +129,5 @@ class Keyboard:
         length = LINEAR_SPEED * self.share * jog.task.period * 1e-9
         return jog.cartesian(q, length * np.array(motion.direction))
 
-    def _move(self, motion: Motion, now: float) -> None:
+    def _move(self, motion: KeyMotion, now: float) -> None:
         self._motion, self._until = motion, now + self._timeout

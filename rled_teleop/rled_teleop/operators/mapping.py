@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from rled_msgs_py.errors import RledError
-from rled_msgs_py.foreign import read_text, read_yaml
 from rled_msgs_py.records import JointSample
+from rled_msgs_py.untrusted import read_text, read_yaml
 
 Vector = NDArray[np.float64]
 

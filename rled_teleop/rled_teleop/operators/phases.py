@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from rled_msgs_py.tick import Tick
 from rled_sim.kinematics import Chain, solve_position
 
-from rled_teleop.operators.point_to_point import Motion
+from rled_teleop.operators.point_to_point import PointToPointMotion
 
 Floats = NDArray[np.float64]
-Steer = Callable[[Floats, Floats], Motion]
+Steer = Callable[[Floats, Floats], PointToPointMotion]
 """Makes the motion from joint angles q to a goal (rad), both of shape (n,)."""
 
 
@@ -52,7 +52,7 @@ class Marking:
 
     def __init__(self, goals: Floats, steer: Steer) -> None:
         self._goals, self._steer = goals, steer
-        self._motion: Motion | None = None
+        self._motion: PointToPointMotion | None = None
         self.positions: list[Floats] = []
         self.joints: list[Floats] = []
 
@@ -93,7 +93,7 @@ class Joining:
 
     def __init__(self, positions: Floats, joints: Floats, steer: Steer) -> None:
         self._positions, self._joints, self._steer = positions, joints, steer
-        self._motion: Motion | None = None
+        self._motion: PointToPointMotion | None = None
         self._last: Tick | None = None
         self.reached = 0
 

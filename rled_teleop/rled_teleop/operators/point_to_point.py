@@ -9,11 +9,11 @@ from rled_teleop.operators.imperfection import Hand
 
 Vector = NDArray[np.float64]
 
-PATIENCE = 1500
+MAX_IDLE_STEPS = 1500
 """Steps without coming nearer after which a motion is given up: half a minute at 20 ms a step."""
 
 
-class Motion:
+class PointToPointMotion:
     """Steers to a goal by the demonstrated action, with one hand.
 
     Args:
@@ -31,7 +31,7 @@ class Motion:
         self._nearest, self._idle = np.inf, 0
 
     def arrived(self, q: Vector) -> bool:
-        """Whether the goal is reached at joint angles ``q``; a waypoint before it is ticked off on the way.
+        """Whether the goal is reached at joint angles ``q``; a waypoint before it is dropped when reached.
 
         Raises:
             RledError: the robot has not come nearer for a long while.
@@ -53,7 +53,7 @@ class Motion:
     def _watch(self, distance: float) -> None:
         self._idle = 0 if distance < self._nearest else self._idle + 1
         self._nearest = min(self._nearest, distance)
-        if self._idle > PATIENCE:
+        if self._idle > MAX_IDLE_STEPS:
             raise RledError(
                 f"the robot stays {self._nearest:.2g} rad from its goal",
                 f"an error of {self._tolerance:.2g} rad",

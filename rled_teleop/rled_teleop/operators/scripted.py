@@ -13,7 +13,7 @@ from rled_sim.kinematics import Chain
 
 from rled_teleop.operators.imperfection import Hand
 from rled_teleop.operators.phases import Joining, Marking, joints_along
-from rled_teleop.operators.point_to_point import Motion
+from rled_teleop.operators.point_to_point import PointToPointMotion
 
 Floats = NDArray[np.float64]
 
@@ -31,7 +31,7 @@ class Answer(NamedTuple):
 
 
 class ScriptedOperator:
-    """Marks the points of a curve, then joins them on the way from target to target.
+    """Marks the points of a curve, then joins them from target to target.
 
     Args:
         task: robot and task.
@@ -53,7 +53,7 @@ class ScriptedOperator:
     ) -> None:
         self._task, self._chain, self._curve = task, chain, curve
         self._trajectories = trajectories
-        self._steer = partial(Motion, hand=hand, max_delta=task.max_delta, tolerance=joint_tolerance)
+        self._steer = partial(PointToPointMotion, hand=hand, max_delta=task.max_delta, tolerance=joint_tolerance)
         self._marking: Marking | None = None
         self._joining: Joining | None = None
 

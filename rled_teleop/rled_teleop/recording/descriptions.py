@@ -8,7 +8,7 @@ from rled_msgs_py.records import Text
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.topics import TASK_DESCRIPTION, Topic
 
-MOST_SAID = 4
+MAX_FIELDS_NAMED = 4
 """Fields of a task that are named when they change."""
 
 
@@ -44,8 +44,8 @@ class Descriptions:
         new = TaskDescription.from_json(text)
         old = self.task = self.task or new
         changed = [each.name for each in fields(old) if getattr(old, each.name) != getattr(new, each.name)]
-        told = [f"{name} {getattr(old, name)}, now {getattr(new, name)}" for name in changed[:MOST_SAID]]
-        return ", ".join(told + (["..."] if len(changed) > MOST_SAID else []))
+        told = [f"{name} {getattr(old, name)}, now {getattr(new, name)}" for name in changed[:MAX_FIELDS_NAMED]]
+        return ", ".join(told + (["..."] if len(changed) > MAX_FIELDS_NAMED else []))
 
     def _change_of_robot(self, text: str) -> str:
         self.robot = self.robot or text

@@ -17,7 +17,7 @@ class Refusal(RledError):
     """A request that does not fit to the state of the recording."""
 
 
-class About(NamedTuple):
+class Provenance(NamedTuple):
     """What every event of a recording says.
 
     Attributes:
@@ -46,7 +46,7 @@ def count_of(key: bytes, status: bytes) -> int | None:
         return None
 
 
-class Episodes:
+class EpisodeEvents:
     """Counts the episodes of a recording, one at a time.
 
     Args:
@@ -57,7 +57,7 @@ class Episodes:
         running: an episode is being recorded.
     """
 
-    def __init__(self, about: About) -> None:
+    def __init__(self, about: Provenance) -> None:
         self._about = about
         self._task: TaskDescription | None = None
         self.number, self.running = -1, False

@@ -8,7 +8,7 @@ from rled_msgs_py.messages import FROM, decode, require_size
 from rled_msgs_py.topics import Topic
 
 
-class Readable:
+class MessageFilter:
     """Judges received bytes. A message that is wrong in what it says is one all the same: who reads the bag judges it.
 
     Args:
@@ -22,7 +22,7 @@ class Readable:
         self._say = say
         self.refused: Counter[str] = Counter()
 
-    def holds(self, topic: Topic, data: bytes) -> bool:
+    def accepts(self, topic: Topic, data: bytes) -> bool:
         """Whether bytes are a message of a topic."""
         try:
             require_size(topic, data)

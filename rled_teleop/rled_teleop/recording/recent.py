@@ -7,21 +7,21 @@ from typing import cast
 
 from rled_msgs_py.bags.header import stamp_of
 from rled_msgs_py.errors import ContractError
-from rled_msgs_py.joint_halves import JointHalves
+from rled_msgs_py.joint_merger import JointMerger
 from rled_msgs_py.messages import decode, encode
 from rled_msgs_py.records import JointSample
 from rled_msgs_py.topics import EE_POSE, JOINT_STATES, Topic
 
-RECENT = 8
+MAX_KEPT = 8
 """Joint states and poses that are kept: they may be some ticks apart. Of the other topics it is one."""
 
 
-class Recent:
+class RecentMessages:
     """Keeps the newest serialized messages of each topic."""
 
     def __init__(self) -> None:
         self._messages: defaultdict[Topic, deque[bytes]] = defaultdict(lambda: deque(maxlen=1))
-        self._messages |= {topic: deque(maxlen=RECENT) for topic in (JOINT_STATES, EE_POSE)}
+        self._messages |= {topic: deque(maxlen=MAX_KEPT) for topic in (JOINT_STATES, EE_POSE)}
 
     def add(self, topic: Topic, data: bytes) -> None:
         """Take a message."""
@@ -45,7 +45,7 @@ class Recent:
 
         Samples that name some of the joints only are put together; one that names all is handed out as received.
         """
-        whole, halves = dict[int, bytes](), JointHalves(joints)
+        whole, halves = dict[int, bytes](), JointMerger(joints)
         for data in self._messages[JOINT_STATES]:
             with suppress(ContractError):  # it says nothing of the robot's joints
                 sample = cast(JointSample, decode(JOINT_STATES, data))

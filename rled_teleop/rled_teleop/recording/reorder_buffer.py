@@ -27,7 +27,7 @@ class Received(NamedTuple):
     data: bytes
 
 
-class Ordering:
+class ReorderBuffer:
     """Holds messages for a moment, so that those of one stamp are written in a fixed order of topics.
 
     DDS keeps order within a topic only. ``due`` is called at a fixed rate and hands out everything up to the newest

@@ -8,11 +8,11 @@ from rled_msgs_py.topics import Topic
 
 from rled_teleop.recording.reorder_buffer import partition
 
-PATIENCE = 0.5
+START_TIMEOUT = 0.5
 """Seconds after which a recording begins without the state topics on which nothing comes."""
 
 
-class Early(NamedTuple):
+class EarlyMessage(NamedTuple):
     """A message received before the recording begins.
 
     Attributes:
@@ -28,7 +28,7 @@ class Early(NamedTuple):
     data: bytes
 
 
-class Opening:
+class StartSynchronisation:
     """Holds messages until there is one of each state topic.
 
     A late joiner is handed the last states of each topic, but is matched with one topic after the other: of the first
@@ -36,10 +36,10 @@ class Opening:
     """
 
     def __init__(self) -> None:
-        self._held: list[Early] = []
+        self._held: list[EarlyMessage] = []
         self._since = 0.0
 
-    def add(self, message: Early) -> None:
+    def add(self, message: EarlyMessage) -> None:
         """Take a message."""
         if not self._held:
             self._since = time.monotonic()
@@ -50,9 +50,9 @@ class Opening:
         if not self._held:
             return False
         heard = {each.topic for each in self._held}
-        return heard >= {*STATE_TOPICS} or time.monotonic() - self._since > PATIENCE
+        return heard >= {*STATE_TOPICS} or time.monotonic() - self._since > START_TIMEOUT
 
-    def messages(self) -> tuple[list[Early], list[Early]]:
+    def messages(self) -> tuple[list[EarlyMessage], list[EarlyMessage]]:
         """What belongs to the recording, from the first tick on that all topics have, and what does not."""
         first: dict[Topic, int] = {}
         for each in self._held:

@@ -7,11 +7,11 @@ from rled_msgs_py.bags.timeline import Timeline
 from rled_msgs_py.records import DeltaCommand, order_by_name
 from rled_msgs_py.tick import Tick
 
-MOST_TICKS = 60_000
+MAX_TICKS = 60_000
 """Ticks of one episode that are kept (20 minutes at 50 Hz, 8 MB); later ones are left out."""
 
 
-class Rows:
+class EpisodeBuffer:
     """What the measures of an episode need of its ticks; ticks of other joints than the first has are left out."""
 
     def __init__(self) -> None:
@@ -30,7 +30,7 @@ class Rows:
     def add_tick(self, tick: Tick) -> None:
         """Take a tick."""
         self._names = self._names or tick.joints.names
-        if len(self._stamps) < MOST_TICKS and set(tick.joints.names) == set(self._names):
+        if len(self._stamps) < MAX_TICKS and set(tick.joints.names) == set(self._names):
             status = tick.status
             self._stamps.append(tick.stamp)
             self._states.extend(tick.joints.ordered(self._names).position.tolist())
@@ -39,7 +39,7 @@ class Rows:
 
     def add_delta(self, command: DeltaCommand) -> None:
         """Take the displacement that answers a tick, which has come before it."""
-        if self._names and len(self._answered) < MOST_TICKS and set(command.names) == set(self._names):
+        if self._names and len(self._answered) < MAX_TICKS and set(command.names) == set(self._names):
             self._answered.append(command.stamp)
             self._actions.extend(command.ordered(self._names).delta.tolist())
 

@@ -6,23 +6,23 @@ from threading import Lock
 from typing import Any
 
 from rled_msgs_py.errors import ContractError
-from rled_msgs_py.foreign import read_json
 from rled_msgs_py.records import Actor, DeltaCommand, GateDecision, Health
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import Tick
 from rled_msgs_py.topics import EPISODE_EVENTS
+from rled_msgs_py.untrusted import read_json
 
 from rled_teleop.web.curves import Curves
 from rled_teleop.web.episode_log import EpisodeLog
 from rled_teleop.web.trail import Pieces, Trail
 
 Point = tuple[float, float, float]
-MOST_REPORTS = 50
+MAX_REPORTS = 50
 """Nodes and parts whose newest report is kept."""
 
 
 @dataclass(frozen=True)
-class Seen:
+class OtherNodes:
     """What the node knows of the nodes around it.
 
     Attributes:
@@ -42,7 +42,7 @@ class Seen:
     answer: str = ""
 
 
-class Watched:
+class GraphState:
     """Newest-value slots and short histories.
 
     Attributes:
@@ -51,7 +51,7 @@ class Watched:
         description: URDF of its robot.
         curve: that targets are drawn from (m), closed; empty when nobody draws it.
         decision: the gate's newest.
-        seen: the nodes around.
+        nodes: the nodes around.
         log: episodes of the recording.
     """
 
@@ -62,14 +62,14 @@ class Watched:
         self.description = ""
         self.curve: Sequence[Point] = ()
         self.decision: GateDecision | None = None
-        self.seen = Seen()
+        self.nodes = OtherNodes()
         self.log = EpisodeLog()
         self._health: dict[str, Health] = {}
         self._trail, self._curves = Trail(), Curves()
         self._actor = Actor.HOLD
 
-    def on_tick(self, tick: Tick, wished: bool) -> None:
-        """Take a tick, and whether a person's wish is at work from here on."""
+    def on_tick(self, tick: Tick, is_commanded: bool) -> None:
+        """Take a tick, and whether a person's command is at work from here on."""
         with self._lock:
             before, decision = self.tick, self.decision
             actor = self._actor
@@ -78,7 +78,7 @@ class Watched:
             self.tick = tick
             self._trail.add(tick, actor)
             self._curves.add_tick(tick)
-            self._actor = Actor.HUMAN if wished else Actor.EXPERT if self.seen.beside else Actor.HOLD
+            self._actor = Actor.HUMAN if is_commanded else Actor.EXPERT if self.nodes.beside else Actor.HOLD
         self.log.add_tick(tick)
 
     def on_decision(self, decision: GateDecision) -> None:
@@ -96,7 +96,7 @@ class Watched:
         with self._lock:
             self._health.pop(health.name, None)
             self._health[health.name] = health
-            if len(self._health) > MOST_REPORTS:
+            if len(self._health) > MAX_REPORTS:
                 del self._health[next(iter(self._health))]
 
     def on_event(self, text: str) -> None:

@@ -35,4 +35,4 @@ class Turn(NamedTuple):
     goal: float
 
 
-Wish = Follow | Move | Turn
+JogCommand = Follow | Move | Turn

@@ -64,12 +64,12 @@ def _allowed(server: viser.ViserServer, task: TaskDescription) -> list[Any]:
 
 def _zone(server: viser.ViserServer, number: int, zone: Zone) -> Any:
     name = f"/limits/keep_out_{number}"
-    look: dict[str, Any] = {"color": FORBIDDEN, "opacity": 0.3, "position": zone.centre, "cast_shadow": False}
+    style: dict[str, Any] = {"color": FORBIDDEN, "opacity": 0.3, "position": zone.centre, "cast_shadow": False}
     if zone.shape == "box":
-        return server.scene.add_box(name, dimensions=(zone.size[0], zone.size[1], zone.size[2]), **look)
+        return server.scene.add_box(name, dimensions=(zone.size[0], zone.size[1], zone.size[2]), **style)
     if zone.shape == "sphere":
-        return server.scene.add_icosphere(name, zone.size[0], **look)
-    return server.scene.add_cylinder(name, zone.size[0], zone.size[1], **look)
+        return server.scene.add_icosphere(name, zone.size[0], **style)
+    return server.scene.add_cylinder(name, zone.size[0], zone.size[1], **style)
 
 
 def _arcs(server: viser.ViserServer, task: TaskDescription, model: RobotModel) -> list[Any]:

@@ -24,12 +24,12 @@ from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
 from rled_teleop.web.access import Access
-from rled_teleop.web.connection import GuardedConnection
-from rled_teleop.web.inbound import MESSAGE_SIZE
+from rled_teleop.web.connection import ProtectedConnection
+from rled_teleop.web.inbound import MAX_MESSAGE_SIZE
 from rled_teleop.web.request import BadRequest, PageRequest, read_request
 
-MOST_CONNECTIONS = 12
-PING, SILENCE, GOODBYE = 1.0, 3.0, 2.0
+MAX_CONNECTIONS = 12
+PING_PERIOD, PING_TIMEOUT, CLOSE_TIMEOUT = 1.0, 3.0, 2.0
 """Seconds between pings, until a peer that does not answer them is gone, and until one that is to go has to be."""
 PROTOCOL = f"viser-v{viser.__version__}"
 NO_FRAMES = {"X-Frame-Options": "DENY", "Referrer-Policy": "no-referrer", "X-Content-Type-Options": "nosniff"}
@@ -62,7 +62,7 @@ def _refused_socket(asked: PageRequest, connection: ServerConnection) -> Respons
     """Why a WebSocket is not served; None if it is."""
     if asked.protocols != (PROTOCOL,):
         return _answer(connection, HTTPStatus.BAD_REQUEST, f"this page speaks {PROTOCOL}: open it anew")
-    if len(connection.server.connections) >= MOST_CONNECTIONS:
+    if len(connection.server.connections) >= MAX_CONNECTIONS:
         return _answer(connection, HTTPStatus.SERVICE_UNAVAILABLE, "too many visitors")
     return None
 
@@ -74,18 +74,23 @@ def _answer(connection: ServerConnection, status: HTTPStatus, text: str) -> Resp
 
 
 @contextmanager
-def guarded(access: Access) -> Iterator[None]:
+def protected(access: Access) -> Iterator[None]:
     """Have the server that is started inside the block ask for permission.
 
     Raises:
-        RledError: none was started the way that is guarded here; better no page than an open one.
+        RledError: none was started the way that is protected here; better no page than an open one.
     """
     original, called = websocket_server.serve, []
 
     def serve(handler: Any, *arguments: Any, process_request: Hook, **options: Any) -> Any:
         called.append(True)
-        limits = {"max_size": MESSAGE_SIZE, "ping_interval": PING, "ping_timeout": SILENCE, "close_timeout": GOODBYE}
-        options |= limits | {"create_connection": GuardedConnection, "logger": _quiet(), "server_header": None}
+        limits = {
+            "max_size": MAX_MESSAGE_SIZE,
+            "ping_interval": PING_PERIOD,
+            "ping_timeout": PING_TIMEOUT,
+            "close_timeout": CLOSE_TIMEOUT,
+        }
+        options |= limits | {"create_connection": ProtectedConnection, "logger": _quiet(), "server_header": None}
         return original(handler, *arguments, process_request=partial(judged, access, process_request), **options)
 
     websocket_server.serve = serve

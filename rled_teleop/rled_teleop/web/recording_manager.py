@@ -14,16 +14,16 @@ from rled_msgs_py.bags.review import Review, review
 from rled_msgs_py.errors import RledError, command
 from rled_msgs_py.processes import Child, Children, program
 
-from rled_teleop.web.control import Asked
-from rled_teleop.web.graph_state import Watched
+from rled_teleop.web.control import Requests
+from rled_teleop.web.graph_state import GraphState
 
 REPORT = "record_demos: bag"
-PATIENCE = 15.0
+RECORDER_TIMEOUT = 15.0
 """So long the recorder is given to be ready (s)."""
-POLL = 0.02
+POLL_PERIOD = 0.02
 
 
-class Film(NamedTuple):
+class Playback(NamedTuple):
     """An episode to be played.
 
     Attributes:
@@ -37,13 +37,13 @@ class Film(NamedTuple):
     q: NDArray[np.float64]
 
 
-class Studio:
+class RecordingManager:
     """Slow work is done one thing after the other in a thread of its own; nobody waits for it.
 
     Args:
         folder: for bags.
-        watched: what the graph says.
-        asked: requests to the recorder.
+        graph: what the graph says.
+        requests: requests to the recorder.
 
     Attributes:
         said: what went on last, in words.
@@ -53,14 +53,14 @@ class Studio:
         replayable: numbers of its episodes.
     """
 
-    def __init__(self, folder: Path, watched: Watched, asked: Asked) -> None:
-        self._folder, self._watched, self._asked = folder, watched, asked
+    def __init__(self, folder: Path, graph: GraphState, requests: Requests) -> None:
+        self._folder, self._graph, self._requests = folder, graph, requests
         self._children = Children()
         self._recorder: Child | None = None
         self._bag: Path | None = None
-        self._worker = ThreadPoolExecutor(1, "studio")
+        self._worker = ThreadPoolExecutor(1, "recordings")
         self._open: tuple[Bag, Review] | None = None
-        self._film: Film | None = None
+        self._playback: Playback | None = None
         self._began = 0.0
         self.said, self.table, self.opened = "", "", ""
         self.bags: tuple[str, ...] = ()
@@ -75,7 +75,7 @@ class Studio:
     @property
     def plays(self) -> bool:
         """Whether a replay runs."""
-        return self._film is not None
+        return self._playback is not None
 
     def begin_episode(self) -> None:
         """Begin an episode; without a recorder in the graph one is started first."""
@@ -87,9 +87,9 @@ class Studio:
 
     def measure(self) -> None:
         """Measure what has ended."""
-        task = self._watched.task
-        if task is not None and self._watched.log.has_unmeasured:
-            self._do(partial(self._watched.log.measure, task))
+        task = self._graph.task
+        if task is not None and self._graph.log.has_unmeasured:
+            self._do(partial(self._graph.log.measure, task))
 
     def open(self, name: str | None) -> None:
         """Look a bag through; None closes it."""
@@ -98,21 +98,21 @@ class Studio:
     def play(self, number: int) -> None:
         """Play an episode of the open bag; stop the replay if one runs."""
         if self.plays:
-            self._film = None
+            self._playback = None
         else:
             self._do(lambda: self._load(number))
 
     def frame(self, now: float) -> dict[str, float] | None:
         """Joint angles (rad) by name of the replay at a time (s); None when none runs."""
-        film = self._film
-        if film is None:
+        playback = self._playback
+        if playback is None:
             return None
         at = now - self._began
-        if at > film.seconds[-1]:
-            self._film = None
+        if at > playback.seconds[-1]:
+            self._playback = None
             return None
-        row = int(np.searchsorted(film.seconds, at, side="right")) - 1
-        return dict(zip(film.names, film.q[max(row, 0)].tolist(), strict=True))
+        row = int(np.searchsorted(playback.seconds, at, side="right")) - 1
+        return dict(zip(playback.names, playback.q[max(row, 0)].tolist(), strict=True))
 
     def close(self) -> None:
         """Complete the bag and end."""
@@ -120,24 +120,24 @@ class Studio:
         self._finish()
 
     def _do(self, work: Callable[[], Any]) -> None:
-        def guarded() -> None:
+        def run() -> None:
             try:
                 work()
             except (RledError, OSError) as error:
                 self.said = str(error)
 
-        self._worker.submit(guarded)
+        self._worker.submit(run)
 
     def _begin(self) -> None:
-        if not self._watched.seen.recorder and not self.records:
+        if not self._graph.nodes.recorder and not self.records:
             self._start_recorder()
-        self._await(lambda: self._watched.seen.recorder and self._is_ready(), "the recorder")
-        self._asked.put("start")
+        self._await(lambda: self._graph.nodes.recorder and self._is_ready(), "the recorder")
+        self._requests.put("start")
         if self._bag is not None:
             self.said = f"recording into {self._bag}"
 
     def _is_ready(self) -> bool:
-        health = self._watched.health(REPORT)
+        health = self._graph.health(REPORT)
         return not self.records or (health is not None and health.message != "waiting for a simulation")
 
     def _start_recorder(self) -> None:
@@ -145,16 +145,16 @@ class Studio:
         self._bag = self._folder / time.strftime("%Y-%m-%d_%H-%M-%S")
         options = ["--output", str(self._bag), "--paused", "--operator-name", "web"]
         self.said = "starting the recorder ..."
-        self._watched.forget_health(REPORT)
+        self._graph.forget_health(REPORT)
         self._recorder = self._children.start([*program("rled_teleop", "record_demos"), *options])
 
     def _await(self, done: Callable[[], bool], what: str) -> None:
-        deadline = time.monotonic() + PATIENCE
+        deadline = time.monotonic() + RECORDER_TIMEOUT
         while not done():
             if time.monotonic() > deadline or (self._recorder is not None and self._recorder.exit_code):
                 lines = self._recorder.last_lines if self._recorder else ()
                 raise RledError(f"no answer from {what}", "", " ".join(lines))
-            time.sleep(POLL)
+            time.sleep(POLL_PERIOD)
 
     def _finish(self) -> None:
         if self._recorder is None or self._bag is None:
@@ -174,7 +174,7 @@ class Studio:
         self.bags = tuple(sorted((each.parent.name for each in found), reverse=True))
 
     def _look_through(self, name: str | None) -> None:
-        self._film = None
+        self._playback = None
         if name is None:
             self._open, self.table, self.opened, self.replayable = None, "", "", ()
             return
@@ -197,9 +197,9 @@ class Studio:
         episode = next((each for each in found.episodes if each.number == number), None)
         if episode is None:  # it was of the bag that was open before
             return
-        moments = found.line.moments
+        moments = found.timeline.moments
         rows = (moments >= episode.first) & (moments <= episode.last)
         if rows.any():
             seconds = (moments[rows] - moments[rows][0]) * 1e-9
             self._began = time.monotonic()
-            self._film = Film(bag.task.joint_names, seconds, found.line.q[rows])
+            self._playback = Playback(bag.task.joint_names, seconds, found.timeline.q[rows])

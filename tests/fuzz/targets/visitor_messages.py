@@ -32,8 +32,8 @@ def seeds() -> list[bytes]:
 def read(data: bytes, _: Path) -> None:
     page = open_page()
     page.tell(data)
-    order = page.orders[-1]
-    assert order.wish is None or np.isfinite(np.hstack(list(order.wish))).all(), f"the wish {order.wish}"
-    assert 0.0 <= order.share <= 1.0, f"a share of full speed of {order.share}"
+    set_point = page.set_points[-1]
+    assert set_point.wish is None or np.isfinite(np.hstack(list(set_point.wish))).all(), f"the wish {set_point.wish}"
+    assert 0.0 <= set_point.share <= 1.0, f"a share of full speed of {set_point.share}"
     target = page.control.asked.take().get("target", (0.0,))
     assert np.isfinite(target).all(), f"a target at {target}"

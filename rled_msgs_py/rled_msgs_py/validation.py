@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin, get_t
 from rled_msgs_py.errors import ContractError
 
 R = TypeVar("R")
-LARGEST = 2**63
+MAX_INT = 2**63
 """Whole numbers are smaller than that, so that they fit into arrays; JSON has them of any length."""
 SHOWN = 80
 """Characters of a value that an error repeats."""
@@ -38,17 +38,17 @@ class Range:
 class Length:
     """How many parts a sequence has at most."""
 
-    most: int
+    max: int
 
     def admits(self, value: Any) -> bool:
         """Whether a sequence is no longer."""
-        return len(value) <= self.most
+        return len(value) <= self.max
 
     def __str__(self) -> str:
-        return f"at most {self.most} values"
+        return f"at most {self.max} values"
 
 
-def check_kinds(record: Any, prefix: str = "") -> None:
+def check_fields(record: Any, prefix: str = "") -> None:
     """Refuse values of another kind than the fields of a dataclass say, or out of their bounds.
 
     Args:
@@ -70,7 +70,7 @@ def _check(value: Any, kind: Any, name: str) -> None:
         if isinstance(bound, Range | Length) and not bound.admits(value):
             raise ContractError(f"{name} is {_shown(value)}", str(bound))
     if is_dataclass(kind):
-        check_kinds(value, f"{name}.")
+        check_fields(value, f"{name}.")
 
 
 def _shown(value: Any) -> str:
@@ -119,7 +119,7 @@ def _fits(value: Any, kind: Any) -> bool:
     if kind is float:
         return isinstance(value, int | float) and abs(value) <= sys.float_info.max
     if kind is int:
-        return isinstance(value, int) and abs(value) < LARGEST
+        return isinstance(value, int) and abs(value) < MAX_INT
     return isinstance(value, kind)
 
 

@@ -15,7 +15,7 @@ Value = tuple[int, float, float]
 """Stamp (ns), angle (rad), rate (rad/s) of a joint."""
 
 
-class JointHalves:
+class JointMerger:
     """Puts a robot together from the newest values of its joints.
 
     Values of one stamp belong together. Where a joint has none at a stamp, its value is waited for, unless the joint's

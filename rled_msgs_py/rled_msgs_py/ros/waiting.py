@@ -5,31 +5,31 @@ from collections.abc import Callable
 
 from rclpy.node import Node
 
-from rled_msgs_py.lasting import Waiting
+from rled_msgs_py.debounce import WaitingReport
 from rled_msgs_py.ros.callbacks import every
 
-LOOK = 0.25
-"""Seconds between two looks at what is waited for."""
+POLL_PERIOD = 0.25
+"""Seconds between two polls of what is waited for."""
 
 
-def say_what_is_awaited(node: Node, awaited: Callable[[], str]) -> None:
+def report_waiting(node: Node, awaited: Callable[[], str]) -> None:
     """Log what a node waits for, when it has waited for a moment, and again now and then.
 
     Args:
         node: logs it.
         awaited: what is waited for now and what would bring it, "joint_states: start sim_node"; empty when nothing is.
     """
-    waiting = Waiting()
+    waiting = WaitingReport()
 
-    def look() -> None:
+    def poll() -> None:
         text = awaited()
         if waiting.is_due(text, time.monotonic()):
             node.get_logger().info(f"waiting for {text}")
 
-    every(node, LOOK, look)
+    every(node, POLL_PERIOD, poll)
 
 
-def brought_by(node: Node, program: str, what: str) -> str:
+def waiting_for(node: Node, program: str, what: str) -> str:
     """What is awaited, and the program that brings it, in this node's graph: ``awaited`` for the one above."""
     namespace = node.get_namespace()
     within = "" if namespace == "/" else f", namespace {namespace}"

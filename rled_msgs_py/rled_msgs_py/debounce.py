@@ -2,12 +2,12 @@
 
 from collections.abc import Callable
 
-SAID_AFTER = 2.0
-SAID_AGAIN = 10.0
+FIRST_REPORT_AFTER = 2.0
+REPORT_PERIOD = 10.0
 """Seconds of waiting after which it is said what for, and after which it is said again."""
 
 
-class Steady:
+class Debounce:
     """A condition that comes and goes; only a change that holds is told. The first True is no change, and told at once.
 
     Args:
@@ -27,7 +27,7 @@ class Steady:
         if condition and self._told is None:
             self._tell()
 
-    def look(self, now: float) -> None:
+    def poll(self, now: float) -> None:
         """Tell of a change that has lasted until now; call it now and then."""
         if self._told is not None and self._newest != self._told and now - self._since >= self._hold:
             self._tell()
@@ -37,7 +37,7 @@ class Steady:
         self._changed(self._newest)
 
 
-class Waiting:
+class WaitingReport:
     """When to say what is waited for: after a moment, and again now and then."""
 
     def __init__(self) -> None:
@@ -46,8 +46,8 @@ class Waiting:
     def is_due(self, awaited: str, now: float) -> bool:
         """Whether to say now what is waited for; empty when nothing is."""
         if awaited != self._awaited:
-            self._awaited, self._said = awaited, now + SAID_AFTER - SAID_AGAIN
-        if not awaited or now - self._said < SAID_AGAIN:
+            self._awaited, self._said = awaited, now + FIRST_REPORT_AFTER - REPORT_PERIOD
+        if not awaited or now - self._said < REPORT_PERIOD:
             return False
         self._said = now
         return True

@@ -35,7 +35,7 @@ def read_text(path: Path, what: str, limit: int = MAX_TEXT) -> str:
     Args:
         path: the file.
         what: its name, for the error.
-        limit: most bytes that are read.
+        limit: maximum bytes that are read.
 
     Raises:
         ContractError: it is no regular file, too large, or not UTF-8.
