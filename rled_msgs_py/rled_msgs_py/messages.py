@@ -24,10 +24,9 @@ from rled_msgs_py.records import (
     Record,
     TaskStatus,
     Text,
-    Vector,
-    rates_of,
 )
 from rled_msgs_py.topics import DIAGNOSTIC_ARRAY, JOINT_STATE, POSE_STAMPED, STRING, Topic
+from rled_msgs_py.vectors import Vector, rates_of
 
 NANOSECONDS = 1_000_000_000
 LATEST = 2**31 * NANOSECONDS

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rled_msgs_py.errors import ContractError
-from rled_msgs_py.records import check_names
+from rled_msgs_py.joint_names import check_names
 from rled_msgs_py.task_limits import NO_LIMITS, Limits
 from rled_msgs_py.untrusted import read_json
 from rled_msgs_py.validation import check_fields, from_object

@@ -10,10 +10,10 @@ from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.time import Time
-from rled_msgs_py.episode_begin import say_begin
 from rled_msgs_py.errors import ContractError, RledError
 from rled_msgs_py.messages import encode
 from rled_msgs_py.records import DeltaCommand, PoseSample, Record, Text
+from rled_msgs_py.reset_answer import ResetAnswer
 from rled_msgs_py.ros.callbacks import every, serve
 from rled_msgs_py.ros.liveliness import advertise_with_deadline, offer_liveliness
 from rled_msgs_py.ros.node import advertise, declare, on_set, run_node, spin, subscribe
@@ -161,7 +161,7 @@ class SimNode(Node):
             return response
         self._seed = None
         response.success = True
-        response.message = say_begin(self._driver.number, self._driver.stamp)
+        response.message = ResetAnswer.of(self._driver.number, self._driver.stamp).to_json()
         return response
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:

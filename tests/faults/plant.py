@@ -13,11 +13,11 @@ from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rled_msgs_py.episode_begin import read_begin
 from rled_msgs_py.errors import ContractError
 from rled_msgs_py.messages import decode
 from rled_msgs_py.processes import Child, Children, program
 from rled_msgs_py.records import DeltaCommand, Health, Text
+from rled_msgs_py.reset_answer import ResetAnswer
 from rled_msgs_py.ros.convert import MESSAGE_CLASSES, qos_profile, to_msg
 from rled_msgs_py.ros.node import advertise, fresh_context, spin_until, subscribe
 from rled_msgs_py.task import TaskDescription
@@ -204,7 +204,7 @@ class Plant:
 
     def reset(self) -> None:
         """Begin an episode and wait for its first tick."""
-        begins = read_begin(self.call(Trigger, "reset").message)
+        begins = ResetAnswer.from_json(self.call(Trigger, "reset").message).stamp
         self.wait(lambda: self.tick.stamp >= begins, "the new episode")
 
     def set(self, **values: Any) -> str:

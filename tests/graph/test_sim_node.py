@@ -15,6 +15,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rled_msgs_py.records import DeltaCommand
+from rled_msgs_py.reset_answer import ResetAnswer
 from rled_msgs_py.ros.convert import MESSAGE_CLASSES, from_msg, qos_profile, to_msg
 from rled_msgs_py.ros.node import advertise, fresh_context
 from rled_msgs_py.task import TaskDescription
@@ -221,7 +222,7 @@ def test_graph_gives_the_transitions_of_the_environment(start):
 
     operator = start("--robot", "panda", "--start-points", "", "--seed", "0")
     operator.set("seed", 11)
-    begins = int(operator.reset().message.split()[-2])
+    begins = ResetAnswer.from_json(operator.reset().message).stamp
     operator.wait_for_stamp(begins)
     env = gymnasium.make("rled/PandaReach-v0")
     observation, _ = env.reset(seed=11)
@@ -294,7 +295,8 @@ class TestWaitingSimulation:
         before = planar.tick
         answer = planar.reset()
         assert answer.success
-        assert answer.message == f"episode {before.status.episode + 1} begins at {before.stamp + PERIOD} ns"
+        told = ResetAnswer.from_json(answer.message)
+        assert (told.episode, told.stamp) == (before.status.episode + 1, before.stamp + PERIOD)
         planar.wait(lambda: planar.tick.stamp > before.stamp, "the new episode")
         assert (planar.tick.status.step, planar.tick.status.episode) == (0, before.status.episode + 1)
         np.testing.assert_array_equal(planar.tick.joints.position, ROBOTS["planar"].home)
@@ -304,7 +306,7 @@ class TestWaitingSimulation:
         for _ in range(2):
             assert planar.set("seed", 5).successful
             for _ in range(3):
-                begins = int(planar.reset().message.split()[-2])
+                begins = ResetAnswer.from_json(planar.reset().message).stamp
                 planar.wait_for_stamp(begins)
                 targets.append(planar.tick.target.position.tolist())
         assert targets[:3] == targets[3:]

@@ -13,7 +13,6 @@ from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
-from rled_msgs_py.episode_begin import read_begin, say_begin
 from rled_msgs_py.errors import ContractError, RledError
 from rled_msgs_py.ros.callbacks import Ending, ends_node, every, guarded, listen, publisher_events, raise_ending, serve
 from rled_msgs_py.ros.client import MAX_WAITING, Client
@@ -176,20 +175,3 @@ def test_an_error_is_logged_once_a_second_with_its_place() -> None:
     assert len(said) == 1
     assert "a timer: KeyError at test_callbacks.py:" in said[0]
     assert len(said[0]) < 500
-
-
-@pytest.mark.parametrize(
-    "answer",
-    ["", "-1", "episode 1 begins at ns", "episode 1 begins at -5 ns", "episode ½ begins at 1 ns", "1 2 3 4",
-     "episode 1 begins at 1e9 ns", f"episode 1 begins at {9**99} ns", "episode 1 begins at 5 ns\n", "x" * 10**6,
-     "episode 1 begins at 5 ns episode 1 begins at 6 ns", "episode ١ begins at ٢ ns"],
-)  # fmt: skip
-def test_an_answer_that_names_no_begin_is_refused(answer: str) -> None:
-    with pytest.raises(ContractError, match="to a reset; accepted: episode NUMBER begins at STAMP ns") as error:
-        read_begin(answer)
-    assert len(str(error.value)) < 2000
-
-
-@pytest.mark.parametrize("stamp", [0, 1, 123_456_789, 2**31 * 10**9 - 1])
-def test_a_begin_is_read_as_it_was_said(stamp: int) -> None:
-    assert read_begin(say_begin(7, stamp)) == stamp

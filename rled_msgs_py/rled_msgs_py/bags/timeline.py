@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from rled_msgs_py.bags.bag import Bag
 from rled_msgs_py.bags.series import Floats, Series, series
 from rled_msgs_py.bags.stamps import Times
-from rled_msgs_py.records import find_by_name
+from rled_msgs_py.joint_names import find_by_name
 from rled_msgs_py.tick import STATE_TOPICS
 from rled_msgs_py.topics import JOINT_DELTA, JOINT_STATES
 

@@ -8,6 +8,7 @@ from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
 from rclpy.node import Node
 from rled_msgs_py.errors import ContractError, RledError, shortened
+from rled_msgs_py.reset_answer import ResetAnswer
 from rled_msgs_py.ros.client import Client
 from std_srvs.srv import SetBool, Trigger
 
@@ -119,7 +120,9 @@ class GraphServices:
         self.parameters = {}
 
     def _on_answer(self, what: str, response: Any) -> None:
-        message = shortened(response.message, MAX_ANSWER)
+        is_reset = what == "reset" and response.success
+        text = ResetAnswer.from_json(response.message).text if is_reset else response.message
+        message = shortened(text, MAX_ANSWER)
         self.answer = f"{what}: {message}" if response.success else f"{what} REFUSED: {message}"
 
     def _on_failure(self, what: str, error: RledError) -> None:

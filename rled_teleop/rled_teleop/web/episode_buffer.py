@@ -4,7 +4,8 @@ from array import array
 
 import numpy as np
 from rled_msgs_py.bags.timeline import Timeline
-from rled_msgs_py.records import DeltaCommand, order_by_name
+from rled_msgs_py.joint_names import order_by_name
+from rled_msgs_py.records import DeltaCommand
 from rled_msgs_py.tick import Tick
 
 MAX_TICKS = 60_000
