@@ -100,9 +100,8 @@ def test_requests_are_handed_back_and_stop(keyboard, jog):
     assert set(REQUESTS.values()) == set(Request)
 
 
-@pytest.mark.parametrize(
-    ("sent", "keys"),
-    [
+def test_escape_sequences_are_one_key():
+    for sent, keys in [
         ("wd", ["w", "d"]),
         ("\x1b[A\x1b[B\x1b[C\x1b[D", ["up", "down", "right", "left"]),
         ("\x1bOA", ["up"]),
@@ -111,10 +110,8 @@ def test_requests_are_handed_back_and_stop(keyboard, jog):
         ("\x1bx", ["escape", "x"]),
         ("\x1b[", ["escape"]),
         ("w\x1b[15~d", ["w", "escape", "d"]),
-    ],
-)
-def test_escape_sequences_are_one_key(sent, keys):
-    assert split_keys(sent) == keys
+    ]:
+        assert split_keys(sent) == keys
 
 
 @pytest.fixture
@@ -175,19 +172,19 @@ class Emulator:
                 self.lines[self.row] += letter
 
 
-@pytest.mark.parametrize("columns", [1, 2, 20, 80])
-@pytest.mark.parametrize("rows", [*range(1, 13), 24])
-def test_a_terminal_of_any_size_is_never_scrolled_and_shows_the_newest(terminal, keyboard, task, arm, rows, columns):
-    master, slave = terminal
-    resized(slave, rows, columns)
-    drawn, shown = Emulator(rows), Screen(slave, slave)
-    for number in range(5):
-        lines = [f"{number} {line}" for line in screen(keyboard, ScreenState(task, arm.tick(), None, None, ""))]
-        shown.draw(lines)
-        drawn.feed(sent(master).replace("\r\n", "\n"))
-    seen = [line for line in drawn.lines if line]
-    assert drawn.scrolled == []
-    assert seen == ([line[: columns - 1] for line in lines[: max(rows - 1, 1)]] if columns > 1 else [])
+def test_a_terminal_of_any_size_is_never_scrolled_and_shows_the_newest(terminal, keyboard, task, arm):
+    for rows in [*range(1, 13), 24]:
+        for columns in [1, 2, 20, 80]:
+            master, slave = terminal
+            resized(slave, rows, columns)
+            drawn, shown = Emulator(rows), Screen(slave, slave)
+            for number in range(5):
+                lines = [f"{number} {line}" for line in screen(keyboard, ScreenState(task, arm.tick(), None, None, ""))]
+                shown.draw(lines)
+                drawn.feed(sent(master).replace("\r\n", "\n"))
+            seen = [line for line in drawn.lines if line]
+            assert drawn.scrolled == []
+            assert seen == ([line[: columns - 1] for line in lines[: max(rows - 1, 1)]] if columns > 1 else [])
 
 
 def test_what_does_not_fit_are_rules_first_and_then_the_help(keyboard, task, arm):

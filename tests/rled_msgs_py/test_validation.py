@@ -24,20 +24,16 @@ class Outer:
     table: dict[str, int] = field(default_factory=dict)
 
 
-@pytest.mark.parametrize(
-    "values",
-    [
+def test_what_fits_is_taken():
+    for values in [
         {}, {"inner": Inner((1, 9, 5), 0)}, {"level": 3}, {"level": -2.5}, {"words": ["x"], "table": {"one": 1}},
         {"inner": Inner(())}, {"name": "b"},
-    ],
-)  # fmt: skip
-def test_what_fits_is_taken(values):
-    check_fields(Outer(**values))
+    ]:  # fmt: skip
+        check_fields(Outer(**values))
 
 
-@pytest.mark.parametrize(
-    ("values", "said"),
-    [
+def test_what_does_not_is_refused_by_its_name():
+    for values, said in [
         ({"inner": Inner((0,))}, "inner.widths is (0,); accepted: 1 to 9"),
         ({"inner": Inner((1, 10))}, "inner.widths is (1, 10); accepted: 1 to 9"),
         ({"inner": Inner((1,) * 4)}, "inner.widths is (1, 1, 1, 1); accepted: at most 3 values"),
@@ -55,12 +51,10 @@ def test_what_fits_is_taken(values):
         ({"words": ["x", 1]}, "words ['x', 1]; accepted: a list, each a text"),
         ({"table": {"one": "1"}}, "table {'one': '1'}; accepted: a table, each a whole number"),
         ({"table": [1]}, "table [1]; accepted: a table, each a whole number"),
-    ],
-)
-def test_what_does_not_is_refused_by_its_name(values, said):
-    with pytest.raises(ContractError) as caught:
-        check_fields(Outer(**values))
-    assert str(caught.value) == said
+    ]:
+        with pytest.raises(ContractError) as caught:
+            check_fields(Outer(**values))
+        assert str(caught.value) == said
 
 
 def test_an_error_does_not_repeat_a_large_value():
