@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from rled_msgs_py.processes import program
 
-PATIENCE = 60.0
+WAIT_TIMEOUT = 60.0
 COMMANDS = {
     "rled_sim.sim_node": "gymnasium",
     "rled_teleop.nodes.record_demos": "rclpy",
@@ -32,7 +32,7 @@ def test_a_command_ends_cleanly_while_it_imports(command: str, when: str, number
         assert awaited in imported
         process.send_signal(number)
         rest = process.stderr.read()
-        exit_code = process.wait(timeout=PATIENCE)
+        exit_code = process.wait(timeout=WAIT_TIMEOUT)
     assert "Traceback" not in rest
     assert exit_code == (130 if number == signal.SIGINT else -signal.SIGTERM)
 
@@ -41,7 +41,7 @@ def shell(line: str, *command: str, **environment: str | None) -> "subprocess.Co
     """Run a command with its streams redirected; a variable that is None is not set."""
     variables = {name: value for name, value in (os.environ | environment).items() if value is not None}
     words = ["bash", "-c", f'exec "$@" {line}', "-", *command]
-    return subprocess.run(words, env=variables, capture_output=True, timeout=PATIENCE, check=False)
+    return subprocess.run(words, env=variables, capture_output=True, timeout=WAIT_TIMEOUT, check=False)
 
 
 ASCII = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
@@ -127,7 +127,7 @@ def test_a_signal_ends_a_command_in_order(tmp_path: Path, number: signal.Signals
         assert process.stdout is not None
         assert process.stdout.readline() == "begun\n"
         process.send_signal(number)
-        _, errors = process.communicate(timeout=PATIENCE)
+        _, errors = process.communicate(timeout=WAIT_TIMEOUT)
     assert process.returncode == 128 + number
     assert errors == ("interrupted\n" if number == signal.SIGINT else "")
     assert list(tmp_path.iterdir()) == []

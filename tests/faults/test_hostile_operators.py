@@ -32,9 +32,9 @@ from ..graph.terminal import Terminal
 from ..web.conftest import free_port
 from .hostile import TEXTS
 from .hostile_requests import adjustable, requests_of
-from .lawful import DEVICE, JOINTS, JOY, Q
 from .plant import Peer, Plant
 from .siege import Rogue, Witness, besiege, moves, require_all, volleys
+from .valid_messages import DEVICE, JOINTS, JOY, Q
 
 DRIVING = (*STATE_TOPICS, TASK_DESCRIPTION, ROBOT_DESCRIPTION)
 WATCHING = (*DRIVING, JOINT_DELTA, SAFETY_GATE, DIAGNOSTICS, EPISODE_EVENTS, MARKERS)

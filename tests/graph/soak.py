@@ -23,7 +23,7 @@ from .team import AGENT, DEMONSTRATION, Team, Watch, expert_of, private_graph, r
 PAGE = os.sysconf("SC_PAGE_SIZE")
 SETTLING_TIME, WINDOW = 180.0, 60.0
 EVERY = 5.0
-MOST_DRIFT = 0.02
+MAX_DRIFT = 0.02
 
 
 def memory(process: int) -> int:
@@ -101,7 +101,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder, private_graph():
         figures = measure(options.minutes, options.period, Path(folder))
     print(json.dumps(figures, indent=2))
-    sys.exit(1 if max(figures["drift"].values()) > MOST_DRIFT else 0)
+    sys.exit(1 if max(figures["drift"].values()) > MAX_DRIFT else 0)
 
 
 if __name__ == "__main__":

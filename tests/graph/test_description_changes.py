@@ -13,7 +13,7 @@ from rled_msgs_py.ros.node import advertise
 from rled_msgs_py.topics import TASK_DESCRIPTION
 
 from .conftest import Observer
-from .programs import ENDLESS, PATIENCE, running
+from .programs import ENDLESS, WAIT_TIMEOUT, running
 
 RECORDER = "record_demos: bag"
 
@@ -24,7 +24,7 @@ def simulation(*options: str) -> "AbstractContextManager[subprocess.Popen[str]]"
 
 def ended(recorder: "subprocess.Popen[str]") -> str:
     recorder.send_signal(signal.SIGINT)
-    _, said = recorder.communicate(timeout=PATIENCE)
+    _, said = recorder.communicate(timeout=WAIT_TIMEOUT)
     assert recorder.returncode == 0, said
     return said
 

@@ -32,7 +32,7 @@ from rled_msgs_py.topics import (
 from rled_sim.robots import ROBOTS
 from std_srvs.srv import SetBool, Trigger
 
-PATIENCE = 60.0
+WAIT_TIMEOUT = 60.0
 PERIOD = 20_000_000
 
 
@@ -47,7 +47,7 @@ class Simulation:
         if self.process.poll() is None:
             self.process.send_signal(number)
         try:
-            out, err = self.process.communicate(timeout=PATIENCE)
+            out, err = self.process.communicate(timeout=WAIT_TIMEOUT)
         except subprocess.TimeoutExpired:
             self.process.kill()
             raise
@@ -86,9 +86,9 @@ class Operator:
         self.latched[topic] = msg.data
 
     def wait(self, done, what):
-        deadline = time.monotonic() + PATIENCE
+        deadline = time.monotonic() + WAIT_TIMEOUT
         while not done():
-            assert time.monotonic() < deadline, f"waited {PATIENCE} s for {what}"
+            assert time.monotonic() < deadline, f"waited {WAIT_TIMEOUT} s for {what}"
             self.executor.spin_once(timeout_sec=0.05)
 
     def spin_for(self, seconds):
@@ -450,7 +450,7 @@ def test_node_ends_cleanly_on_a_signal(start, number):
 def test_second_simulation_in_the_domain_is_refused(start):
     start("--robot", "planar")
     second = Simulation("--robot", "planar", "--discovery-wait", "20")
-    second.process.wait(PATIENCE)
+    second.process.wait(WAIT_TIMEOUT)
     code, _, err = second.end()
     assert code == 2
     lines = [line for line in err.splitlines() if "RTPS" not in line]

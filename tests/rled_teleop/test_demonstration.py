@@ -46,12 +46,12 @@ def test_no_component_exceeds_max_delta(q: np.ndarray, goal: np.ndarray, max_del
 @given(JOINTS, JOINTS, DELTAS)
 def test_the_motion_is_a_straight_line_in_joint_space(q: np.ndarray, goal: np.ndarray, max_delta: float) -> None:
     path = motion(q, goal, max_delta)
-    way = goal - q
-    if np.abs(way).max() < 1e-6:
+    offset = goal - q
+    if np.abs(offset).max() < 1e-6:
         return
-    along = (path - q) @ way / (way @ way)  # share of the way, (k,)
+    along = (path - q) @ offset / (offset @ offset)  # share of the way, (k,)
     assert (np.diff(along) > 0).all()
-    np.testing.assert_allclose(path, q + along[:, None] * way, atol=1e-9)
+    np.testing.assert_allclose(path, q + along[:, None] * offset, atol=1e-9)
 
 
 @given(JOINTS, JOINTS, DELTAS)

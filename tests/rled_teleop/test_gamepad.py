@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.records import JointSample
-from rled_teleop.nodes.teleop_kinesthetic import Follower
+from rled_teleop.operators.follower import Follower
 from rled_teleop.operators.gamepad import DEAD_ZONE, Gamepad, Layout, PadState
 from rled_teleop.operators.gamepad_device import AXES, BUTTONS, is_gamepad, open_pad, read_pad
 from rled_teleop.operators.jog import Jog

@@ -13,10 +13,10 @@ def message(stamp: int, payload: bytes = b"payload.") -> bytes:
 
 
 def order_of(messages: list[tuple[Topic, bytes]]) -> list[tuple[int, str]]:
-    ordering = ReorderBuffer()
+    buffer = ReorderBuffer()
     for number, (topic, data) in enumerate(messages):
-        ordering.add(topic, RANKS[topic], data, number)
-    return [(each.stamp, each.topic.name) for each in ordering.rest()]
+        buffer.add(topic, RANKS[topic], data, number)
+    return [(each.stamp, each.topic.name) for each in buffer.rest()]
 
 
 def test_the_stamp_of_a_little_and_a_big_endian_message_is_read() -> None:
@@ -48,22 +48,22 @@ def test_a_text_without_any_stamp_is_filed_under_zero() -> None:
 
 
 def test_messages_of_one_topic_and_stamp_keep_their_order() -> None:
-    ordering = ReorderBuffer()
+    buffer = ReorderBuffer()
     for number in range(5):
-        ordering.add(JOINT_STATES, 1, message(20, bytes([number])), number)
-    assert [each.data[-1] for each in ordering.rest()] == [0, 1, 2, 3, 4]
+        buffer.add(JOINT_STATES, 1, message(20, bytes([number])), number)
+    assert [each.data[-1] for each in buffer.rest()] == [0, 1, 2, 3, 4]
 
 
 def test_the_time_of_the_day_on_diagnostics_is_no_stamp() -> None:
-    ordering = ReorderBuffer()
-    ordering.add(JOINT_STATES, 1, message(20), 0)
-    ordering.add(DIAGNOSTICS, 0, message(1_700_000_000 * 10**9), 1)
-    ordering.add(JOINT_STATES, 1, message(40), 2)
-    assert [each.stamp for each in ordering.rest()] == [20, 20, 40]
+    buffer = ReorderBuffer()
+    buffer.add(JOINT_STATES, 1, message(20), 0)
+    buffer.add(DIAGNOSTICS, 0, message(1_700_000_000 * 10**9), 1)
+    buffer.add(JOINT_STATES, 1, message(40), 2)
+    assert [each.stamp for each in buffer.rest()] == [20, 20, 40]
 
 
 def test_texts_keep_their_order_when_a_late_message_comes_between() -> None:
-    ordering = ReorderBuffer()
+    buffer = ReorderBuffer()
     for number, (topic, data) in enumerate(
         [
             (JOINT_STATES, message(40)),
@@ -72,23 +72,23 @@ def test_texts_keep_their_order_when_a_late_message_comes_between() -> None:
             (ROBOT_DESCRIPTION, b"second"),
         ]
     ):
-        ordering.add(topic, RANKS[topic], data, number)
-    assert [each.data for each in ordering.rest() if each.topic is ROBOT_DESCRIPTION] == [b"first", b"second"]
+        buffer.add(topic, RANKS[topic], data, number)
+    assert [each.data for each in buffer.rest() if each.topic is ROBOT_DESCRIPTION] == [b"first", b"second"]
 
 
 def test_a_message_waits_for_two_calls_at_most() -> None:
-    ordering = ReorderBuffer()
-    ordering.add(JOINT_STATES, 1, message(20), 0)
-    assert ordering.due() == []
-    ordering.add(JOINT_STATES, 1, message(40), 1)
-    assert [each.stamp for each in ordering.due()] == [20]
-    assert [each.stamp for each in ordering.due()] == [40]
-    assert ordering.due() == []
+    buffer = ReorderBuffer()
+    buffer.add(JOINT_STATES, 1, message(20), 0)
+    assert buffer.due() == []
+    buffer.add(JOINT_STATES, 1, message(40), 1)
+    assert [each.stamp for each in buffer.due()] == [20]
+    assert [each.stamp for each in buffer.due()] == [40]
+    assert buffer.due() == []
 
 
 def test_a_stamp_before_the_newest_is_not_held_back() -> None:
-    ordering = ReorderBuffer()
-    ordering.add(JOINT_STATES, 1, message(1000), 0)
-    ordering.due()
-    ordering.add(JOINT_STATES, 1, message(20), 1)
-    assert [each.stamp for each in ordering.due()] == [20, 1000]
+    buffer = ReorderBuffer()
+    buffer.add(JOINT_STATES, 1, message(1000), 0)
+    buffer.due()
+    buffer.add(JOINT_STATES, 1, message(20), 1)
+    assert [each.stamp for each in buffer.due()] == [20, 1000]

@@ -101,8 +101,8 @@ def test_each_trajectory_is_a_straight_joint_line_to_the_marked_point_nearest_to
     for tick, answer in history[last_mark:-1]:
         assert answer.delta is not None
         goal = points[np.linalg.norm(positions - tick.target.position, axis=1).argmin()]
-        way = goal - tick.joints.position
-        expected = way / max(np.abs(way).max() / task.max_delta, 1.0)
+        offset = goal - tick.joints.position
+        expected = offset / max(np.abs(offset).max() / task.max_delta, 1.0)
         np.testing.assert_allclose(answer.delta.delta, expected, atol=1e-12)
 
 
@@ -140,8 +140,8 @@ def test_overshoot_goes_past_the_goal_and_comes_back(
     start = arm.q
     history = drive(arm, operator(task, chain, circle(1), 0, Imperfection(overshoot=0.2)))
     path = np.array([tick.joints.position for tick, _ in history])
-    way = path[-1] - start
-    along = (path - start) @ way / (way @ way)
+    offset = path[-1] - start
+    along = (path - start) @ offset / (offset @ offset)
     assert along.max() == pytest.approx(1.2)
     assert along[-1] == pytest.approx(1.0)
 

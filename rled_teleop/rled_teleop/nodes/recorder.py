@@ -214,7 +214,9 @@ class Recorder(Node):
         self._health(Level.WARN if warning else Level.OK, f"{doing}; {warning}" if warning else doing)
 
     def _health(self, level: Level, message: str) -> None:
-        values = {"episode": str(self._episodes.number), "messages": str(self._sink.kept)}
+        state = "failed" if self._failure else "recording" if self._episodes.running else "paused"
+        values = {"state": state if self._described else "waiting"}
+        values |= {"episode": str(self._episodes.number), "messages": str(self._sink.kept)}
         values |= {f"unreadable {name}": str(count) for name, count in self._filter.refused.items()}
         now = self.get_clock().now().nanoseconds
         self._reports.publish(encode(DIAGNOSTICS, Health(now, level, "record_demos: bag", message, values)))

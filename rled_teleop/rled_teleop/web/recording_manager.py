@@ -138,7 +138,7 @@ class RecordingManager:
 
     def _is_ready(self) -> bool:
         health = self._graph.health(REPORT)
-        return not self.records or (health is not None and health.message != "waiting for a simulation")
+        return not self.records or (health is not None and health.values.get("state") != "waiting")
 
     def _start_recorder(self) -> None:
         self._folder.mkdir(parents=True, exist_ok=True)

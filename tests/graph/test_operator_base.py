@@ -30,13 +30,13 @@ class Stage:
     """An operator, and the simulation that it answers, in one process."""
 
     def __init__(self, *, in_time: bool) -> None:
-        self.wish: np.ndarray | None = MOTION
+        self.command: np.ndarray | None = MOTION
         self.heard: dict[int, tuple[float, DeltaCommand]] = {}
         self._context = fresh_context()
         self.node, self._sim = (Node(name, context=self._context) for name in ("operator", "sim"))
         self._executor = EventsExecutor(context=self._context)
-        self.driving = OperatorBase(self.node, False, lambda jog, q: self.wish)
-        self.driving.start_timer(self.driving.look)
+        self.base = OperatorBase(self.node, False, lambda jog, q: self.command)
+        self.base.start_timer(self.base.poll)
         simulation = simulation_of(SimParams(robot="planar", period=PERIOD))
         simulation.reset(np.random.default_rng(0))
         self._tick = tick_of(simulation, 0, 0, 0.0)
@@ -52,8 +52,8 @@ class Stage:
             subscribe(self._sim, topic, self._on_delta)
         for node in (self.node, self._sim):
             self._executor.add_node(node)
-        matched = [*self._states, self.driving._output.publisher]
-        self.wait(lambda: self.driving.jog is not None and all(each.get_subscription_count() for each in matched))
+        matched = [*self._states, self.base._output.publisher]
+        self.wait(lambda: self.base.jog is not None and all(each.get_subscription_count() for each in matched))
 
     def _on_delta(self, command: DeltaCommand) -> None:
         self.heard[command.stamp] = time.monotonic(), command
@@ -104,21 +104,21 @@ def test_a_simulation_that_keeps_time_is_answered_at_once(in_time):
 
 
 def test_a_tick_left_to_the_agent_is_answered_once_there_is_none(lockstep):
-    lockstep.driving.stand(True)
-    lockstep.wish = None
+    lockstep.base.stand(True)
+    lockstep.command = None
     stamp = lockstep.say(1)
-    lockstep.wait(lambda: lockstep.driving.tick is not None and lockstep.driving._is_answered)
+    lockstep.wait(lambda: lockstep.base.tick is not None and lockstep.base._is_answered)
     assert not lockstep.heard
-    lockstep.driving.stand(False)
+    lockstep.base.stand(False)
     lockstep.wait(lambda: stamp in lockstep.heard)
     assert lockstep.heard[stamp][1].delta.tolist() == [0.0, 0.0]
 
 
 def test_beside_an_agent_only_motion_is_said_and_publishers_are_kept(lockstep):
-    lockstep.driving.stand(True)
+    lockstep.base.stand(True)
     beside = len(list(lockstep.node.publishers))
     assert lockstep.answer_to(1)[1].delta.tolist() == MOTION.tolist()
     for number in range(2, 5):
-        lockstep.driving.stand(bool(number % 2))
+        lockstep.base.stand(bool(number % 2))
         assert lockstep.answer_to(number)[1].delta.tolist() == MOTION.tolist()
     assert len(list(lockstep.node.publishers)) == beside

@@ -1,4 +1,4 @@
-"""A lawful message for each topic, of the planar arm; hostile ones are made of these."""
+"""A valid message for each topic, of the planar arm; hostile ones are made of these."""
 
 import json
 from collections.abc import Mapping
@@ -60,7 +60,7 @@ _records: Mapping[Topic, Record] = {
     topics.DIAGNOSTICS: Health(STAMP, Level.OK, "sim: driver", "real_time", {"ticks": "3"}),
     DEVICE: _joints,
 }
-LAWFUL: Mapping[Topic, Any] = {
+VALID: Mapping[Topic, Any] = {
     **{topic: to_msg(record) for topic, record in _records.items()},
     JOY: Joy(axes=[0.5] * 8, buttons=[0, 0, 0, 0, 1, 0, 0, 0]),
     topics.MARKERS: MarkerArray(markers=[Marker(ns="curve", points=[Point(x=0.5), Point(y=0.5)])]),
