@@ -37,5 +37,5 @@ def read(data: bytes, _: Path) -> None:
         f"the command {set_point.command}"
     )
     assert 0.0 <= set_point.share <= 1.0, f"a share of full speed of {set_point.share}"
-    target = page.control.asked.take().get("target", (0.0,))
+    target = page.control.requests.take().get("target", (0.0,))
     assert np.isfinite(target).all(), f"a target at {target}"
