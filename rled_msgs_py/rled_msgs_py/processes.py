@@ -20,8 +20,8 @@ from typing import IO
 from rled_msgs_py.errors import RledError
 
 LAST_LINES = 20
-POLL = 0.01
-PATIENCE = {signal.SIGINT: 15.0, signal.SIGTERM: 2.0}
+POLL_PERIOD = 0.01
+END_TIMEOUTS = {signal.SIGINT: 15.0, signal.SIGTERM: 2.0}
 """Seconds that a child is given to end after each signal, before SIGKILL."""
 
 _PR_SET_PDEATHSIG = 1
@@ -145,14 +145,14 @@ class Children:
             self.check()
             if deadline is not None and time.monotonic() > deadline:
                 raise RledError(f"{child.name} still runs after {timeout:g} s")
-            time.sleep(POLL)
+            time.sleep(POLL_PERIOD)
         self._settle(child)
         self.check()
 
     def end(self, *chosen: Child) -> None:
         """End the chosen children, all of them by default, and their process groups."""
         ended = [child for child in chosen or tuple(reversed(self._children)) if child.exit_code is None]
-        for number, seconds in PATIENCE.items():
+        for number, seconds in END_TIMEOUTS.items():
             running = [child for child in ended if child.exit_code is None]
             for child in running:
                 _signal_group(child, number)
@@ -220,4 +220,4 @@ def _signal_group(child: Child, number: signal.Signals) -> None:
 def _await(children: Sequence[Child], seconds: float) -> None:
     deadline = time.monotonic() + seconds
     while any(child.exit_code is None for child in children) and time.monotonic() < deadline:
-        time.sleep(POLL)
+        time.sleep(POLL_PERIOD)

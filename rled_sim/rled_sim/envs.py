@@ -7,8 +7,8 @@ import gymnasium
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from rled_msgs_py.errors import RledError
-from rled_msgs_py.limits import NO_LIMITS, Limits
 from rled_msgs_py.task import Reward
+from rled_msgs_py.task_limits import NO_LIMITS, Limits
 
 from rled_sim.action import action_array, refuse_options
 from rled_sim.bullet.client import has_display

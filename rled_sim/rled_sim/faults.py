@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 from rled_msgs_py.errors import ContractError
-from rled_msgs_py.kinds import check_kinds
+from rled_msgs_py.validation import check_fields
 from rled_msgs_py.params import described, param, parameters_of
 
 
@@ -40,7 +40,7 @@ class Faults:
     hidden: str = param("", "what is not seen, in words: names of joints, ee, target; the middle of its range is seen")
 
     def __post_init__(self) -> None:
-        check_kinds(self)
+        check_fields(self)
         for each in parameters_of(Faults):
             each.spec.check(each.name, getattr(self, each.name))
 

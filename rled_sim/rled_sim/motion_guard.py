@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from rled_msgs_py.errors import RledError
-from rled_msgs_py.limits import Zone
-from rled_msgs_py.records import is_finite
 from rled_msgs_py.task import TaskDescription
+from rled_msgs_py.task_limits import Zone
+from rled_msgs_py.vectors import is_finite
 
 from rled_sim.commands import ROUNDING, Code, Refused, too_large
 from rled_sim.kinematics import Chain

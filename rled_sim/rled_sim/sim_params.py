@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from rled_msgs_py.errors import RledError
-from rled_msgs_py.limits import Limits, Zone
 from rled_msgs_py.params import param
+from rled_msgs_py.task_limits import Limits, Zone
 
 from rled_sim.bullet.world import World
 from rled_sim.driver import Rules

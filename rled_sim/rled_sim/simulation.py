@@ -6,8 +6,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 from rled_msgs_py.errors import RledError
-from rled_msgs_py.limits import NO_LIMITS
 from rled_msgs_py.records import PoseSample
+from rled_msgs_py.task_limits import NO_LIMITS
 
 from rled_sim.commands import Refused
 from rled_sim.episode_state import Episode, Outcome

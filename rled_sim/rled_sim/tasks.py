@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from rled_msgs_py.errors import ContractError
-from rled_msgs_py.limits import NO_LIMITS, Limits
 from rled_msgs_py.task import Reward, TaskDescription
+from rled_msgs_py.task_limits import NO_LIMITS, Limits
 
 from rled_sim.lemniscate import lemniscate
 from rled_sim.plant import Point

@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rled_msgs_py.convert import to_msg
 from rled_msgs_py.messages import encode
-from rled_msgs_py.node import advertise, fresh_context, spin_until
 from rled_msgs_py.processes import Children, program
 from rled_msgs_py.records import Text
+from rled_msgs_py.ros.convert import to_msg
+from rled_msgs_py.ros.node import advertise, fresh_context, spin_until
 from rled_msgs_py.tick import STATE_TOPICS, Tick
 from rled_msgs_py.topics import JOINT_DELTA, ROBOT_DESCRIPTION, TASK_DESCRIPTION
 from rled_sim.robots import ROBOTS

@@ -12,7 +12,7 @@ from rled_msgs_py.processes import program
 PATIENCE = 60.0
 COMMANDS = {
     "rled_sim.nodes.sim_node": "gymnasium",
-    "rled_teleop.record_demos": "rclpy",
+    "rled_teleop.nodes.record_demos": "rclpy",
     "rled_agent.nodes.agent_node": "torch",
 }
 """Commands, and the import in each that takes longest."""

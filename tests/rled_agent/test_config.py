@@ -11,7 +11,7 @@ from rled_agent.training.config import ScheduleConfig, TrainConfig
 from rled_agent.learners.cloning import ExpertConfig
 from rled_agent.cli.presets import PRESETS
 from rled_msgs_py.errors import ContractError, RledError
-from rled_msgs_py.kinds import Range
+from rled_msgs_py.validation import Range
 
 
 def changed(settings, name: str, value: object):

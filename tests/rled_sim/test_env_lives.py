@@ -10,7 +10,7 @@ import gymnasium
 import numpy as np
 import pytest
 from rled_msgs_py.errors import RledError
-from rled_msgs_py.limits import Limits
+from rled_msgs_py.task_limits import Limits
 from rled_sim.bullet.world import World
 from rled_sim.envs import ReachEnv
 from rled_sim.faults import Faults

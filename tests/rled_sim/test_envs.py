@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 from rled_msgs_py.errors import RledError
-from rled_msgs_py.limits import Limits, Zone
+from rled_msgs_py.task_limits import Limits, Zone
 from rled_sim.robots import ROBOTS
 
 import rled_sim  # noqa: F401

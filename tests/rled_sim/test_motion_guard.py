@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from rled_msgs_py.errors import RledError
-from rled_msgs_py.limits import Limits, Zone
+from rled_msgs_py.task_limits import Limits, Zone
 from rled_sim.commands import Code
 from rled_sim.motion_guard import Guard, depth
 from rled_sim.plant import Contact

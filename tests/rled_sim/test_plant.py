@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from rled_msgs_py.limits import Limits
+from rled_msgs_py.task_limits import Limits
 from rled_sim.bullet.world import World
 from rled_sim.plant import Contact, Plant
 from rled_sim.robots import ROBOTS

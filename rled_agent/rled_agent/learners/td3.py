@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from rled_msgs_py.errors import ContractError, RledError
-from rled_msgs_py.kinds import Range
+from rled_msgs_py.validation import Range
 from torch import Tensor
 
 from rled_agent.bounds import Amount, Share

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rled_msgs_py.awaiting import brought_by, say_what_is_awaited
-from rled_msgs_py.callbacks import Ending, every, serve
-from rled_msgs_py.command_output import CommandOutput
+from rled_msgs_py.ros.waiting import waiting_for, report_waiting
+from rled_msgs_py.ros.callbacks import Ending, every, serve
+from rled_msgs_py.ros.command_output import CommandOutput
 from rled_msgs_py.errors import ContractError, RledError
-from rled_msgs_py.life import watch_life
+from rled_msgs_py.ros.liveliness import watch_liveliness
 from rled_msgs_py.messages import encode
-from rled_msgs_py.node import advertise, declare, run_node, spin, subscribe, subscribe_ticks
+from rled_msgs_py.ros.node import advertise, declare, run_node, spin, subscribe, subscribe_ticks
 from rled_msgs_py.records import Actor, DeltaCommand, GateCode, Text
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import STATE_TOPICS, Tick
@@ -100,7 +100,7 @@ class AgentNode(Node):
         ):
             subscribe(self, topic, hear, partial(self._refuse, topic))
         subscribe_ticks(self, self._on_tick)
-        self._life = watch_life(self, TASK_DESCRIPTION, self._on_life)
+        self._life = watch_liveliness(self, TASK_DESCRIPTION, self._on_life)
         serve(self, SetBool, "~/enable", self._on_enable)
         serve(self, SetBool, "~/estop", self._on_estop)
         serve(self, SetBool, "~/learn", self._on_learn)
@@ -109,7 +109,7 @@ class AgentNode(Node):
             self._learning.start()
         every(self, 1.0, self._say_health)
         every(self, POLL_PERIOD, self._decide)
-        say_what_is_awaited(self, self._awaited)
+        report_waiting(self, self._awaited)
 
     def _awaited(self) -> str:
         missing = [
@@ -117,7 +117,7 @@ class AgentNode(Node):
             *([ROBOT_DESCRIPTION.name] if not self._urdf else []),
             *([] if self._newest >= 0 else [topic.name for topic in STATE_TOPICS]),
         ]
-        return brought_by(self, "sim_node", ", ".join(missing)) if missing else ""
+        return waiting_for(self, "sim_node", ", ".join(missing)) if missing else ""
 
     def _on_change(self, given: AgentParams) -> None:
         params = given.in_force(self._trained)

@@ -5,9 +5,9 @@ from collections.abc import Callable
 from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rled_msgs_py.client import Client
-from rled_msgs_py.episode_begin import read_begin
 from rled_msgs_py.errors import RledError
+from rled_msgs_py.reset_answer import ResetAnswer
+from rled_msgs_py.ros.client import Client
 from std_srvs.srv import Trigger
 
 PATIENCE = 30.0
@@ -58,4 +58,4 @@ class Restart:
         answer = self._reset.call(Trigger.Request(), self._wait)
         if not answer.success:
             raise RledError(f"the simulation refused a reset: {answer.message}")
-        return read_begin(answer.message)
+        return ResetAnswer.from_json(answer.message).stamp

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 import tyro
 from rled_msgs_py.errors import ContractError
-from rled_msgs_py.kinds import Range, check_kinds, from_object
+from rled_msgs_py.validation import Range, check_fields, from_object
 from rled_sim.faults import Faults
 from rled_sim.tasks import MAX_TARGET_SPREAD
 
@@ -69,8 +69,8 @@ class TrainConfig:
     """on purpose, in process; over the graph they are those of sim_node"""
 
     def __post_init__(self) -> None:
-        check_kinds(self)
-        check_kinds(self.method)
+        check_fields(self)
+        check_fields(self.method)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, for JSON; the method by its name, and its settings."""

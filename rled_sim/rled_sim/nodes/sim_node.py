@@ -10,13 +10,13 @@ from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.time import Time
-from rled_msgs_py.callbacks import every, serve
-from rled_msgs_py.episode_begin import say_begin
 from rled_msgs_py.errors import ContractError, RledError
-from rled_msgs_py.life import advertise_in_time, offer_life
 from rled_msgs_py.messages import encode
-from rled_msgs_py.node import advertise, declare, on_set, run_node, spin, subscribe
 from rled_msgs_py.records import DeltaCommand, PoseSample, Record, Text
+from rled_msgs_py.reset_answer import ResetAnswer
+from rled_msgs_py.ros.callbacks import every, serve
+from rled_msgs_py.ros.liveliness import advertise_with_deadline, offer_liveliness
+from rled_msgs_py.ros.node import advertise, declare, on_set, run_node, spin, subscribe
 from rled_msgs_py.tick import STATE_TOPICS, Tick
 from rled_msgs_py.topics import (
     CLOCK_TOPIC,
@@ -83,7 +83,7 @@ class SimNode(Node):
 
     def _advertise_state(self, topic: Topic, params: SimParams) -> Any:
         if topic is JOINT_STATES and params.mode == "real_time":
-            return advertise_in_time(self, topic, 2.0 * params.period, self._on_late)
+            return advertise_with_deadline(self, topic, 2.0 * params.period, self._on_late)
         return advertise(self, topic)
 
     def _on_late(self, count: int) -> None:
@@ -95,7 +95,7 @@ class SimNode(Node):
             ROBOT_DESCRIPTION: robot_named(params.robot).description,
             TASK_DESCRIPTION: self._simulation.task.description.to_json(),
         }
-        outputs = {topic: offer_life(self, topic) for topic in texts}
+        outputs = {topic: offer_liveliness(self, topic) for topic in texts}
         for topic, text in texts.items():
             outputs[topic].publish(encode(topic, Text(text)))
         return list(outputs.values())
@@ -161,7 +161,7 @@ class SimNode(Node):
             return response
         self._seed = None
         response.success = True
-        response.message = say_begin(self._driver.number, self._driver.stamp)
+        response.message = ResetAnswer.of(self._driver.number, self._driver.stamp).to_json()
         return response
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
