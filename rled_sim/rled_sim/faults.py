@@ -9,8 +9,8 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 from rled_msgs_py.errors import ContractError
-from rled_msgs_py.validation import check_fields
 from rled_msgs_py.params import described, param, parameters_of
+from rled_msgs_py.validation import check_fields
 
 
 def _steps(description: str) -> Any:

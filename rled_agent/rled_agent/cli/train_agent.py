@@ -13,8 +13,8 @@ import torch
 import tyro
 from rled_msgs_py.bags import Bag
 from rled_msgs_py.errors import RledError, command_line
-from rled_msgs_py.validation import Range, check_fields
 from rled_msgs_py.stopping import stop_requested
+from rled_msgs_py.validation import Range, check_fields
 
 from rled_agent.bounds import MANY, Share
 from rled_agent.cli.presets import PRESETS, Preset, all_presets

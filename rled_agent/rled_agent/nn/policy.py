@@ -9,9 +9,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from rled_msgs_py.errors import ContractError
+from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.untrusted import read_json
 from rled_msgs_py.validation import Range, check_fields, from_object
-from rled_msgs_py.task import TaskDescription
 
 from rled_agent.bounds import Amount
 from rled_agent.nn.architecture import Architecture

@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rled_msgs_py.ros.waiting import waiting_for, report_waiting
+from rled_msgs_py.errors import ContractError, RledError
+from rled_msgs_py.messages import encode
+from rled_msgs_py.records import Actor, DeltaCommand, GateCode, Text
 from rled_msgs_py.ros.callbacks import Ending, every, serve
 from rled_msgs_py.ros.command_output import CommandOutput
-from rled_msgs_py.errors import ContractError, RledError
 from rled_msgs_py.ros.liveliness import watch_liveliness
-from rled_msgs_py.messages import encode
 from rled_msgs_py.ros.node import advertise, declare, run_node, spin, subscribe, subscribe_ticks
-from rled_msgs_py.records import Actor, DeltaCommand, GateCode, Text
+from rled_msgs_py.ros.waiting import report_waiting, waiting_for
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import STATE_TOPICS, Tick
 from rled_msgs_py.topics import (
