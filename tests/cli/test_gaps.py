@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rled_agent.data.demonstrations import open_demonstrations
+from rled_agent.data.opening import open_demonstrations
 from rled_msgs_py.bags import Bag, BagWriter, review
 from rled_msgs_py.records import DeltaCommand, JointSample
 

@@ -130,7 +130,7 @@ def test_a_run_is_a_directory(train, planar, planar_bag, planar_expert, tmp_path
     flawless = {"tremor": 0.0, "wrong": 0.0, "seed": 0}
     digest = hashlib.sha256(planar_expert.read_bytes()).hexdigest()
     files |= {"bag_sha256": bag_digest(Bag(planar_bag)), "expert_sha256": digest, "simulation": None}
-    assert record["demonstrations"] == files | {"points": 0, "flaws": flawless, "over": "process"}
+    assert record["demonstrations"] == files | {"points": 0, "corruption": flawless, "over": "process"}
     assert {"git", "python", "torch"} < record.keys()
     table = rows(output)
     assert [row["step"] for row in table] == [*range(50, 601, 50), 620]

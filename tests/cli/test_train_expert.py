@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rled_agent.data.demonstrations import joined_points
+from rled_agent.data.closed_form import joined_points
 from rled_agent.nn.policy import load_policy
 from rled_msgs_py.bags import Bag
 from rled_msgs_py.processes import program

@@ -10,7 +10,7 @@ from rclpy.parameter import Parameter
 from rled_agent.nodes.agent_node import AgentNode
 from rled_agent.nodes.agent_params import AgentParams
 from rled_agent.nn.policy import load_policy
-from rled_agent.uncertainty.monte_carlo import GateSettings
+from rled_agent.nn.policy import GateSettings
 from rled_msgs_py.errors import ContractError
 from rled_msgs_py.node import fresh_context
 

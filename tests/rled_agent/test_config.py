@@ -7,8 +7,8 @@ from typing import Annotated, get_args, get_origin, get_type_hints
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from rled_agent.training.config import ScheduleConfig, TrainConfig
-from rled_agent.learners.cloning import ExpertConfig
+from rled_agent.training.config import Schedule, TrainConfig
+from rled_agent.learners.cloning import CloningConfig
 from rled_agent.cli.presets import PRESETS
 from rled_msgs_py.errors import ContractError, RledError
 from rled_msgs_py.kinds import Range
@@ -136,7 +136,7 @@ def test_the_message_names_value_and_range():
 @pytest.mark.parametrize("name", ["checkpoint_every", "evaluate_every"])
 def test_what_happens_between_rows_is_a_multiple_of_them(name):
     with pytest.raises(ContractError, match=rf"schedule\.{name} is 1500; accepted: a multiple of .*\(1000\)"):
-        TrainConfig(schedule=replace(ScheduleConfig(), **{name: 1500}))
+        TrainConfig(schedule=replace(Schedule(), **{name: 1500}))
 
 
 @pytest.mark.parametrize(
@@ -145,7 +145,7 @@ def test_what_happens_between_rows_is_a_multiple_of_them(name):
 )
 def test_expert_settings_out_of_range_are_refused(name, value):
     with pytest.raises(ContractError, match=f"^{name} is {value}; accepted"):
-        ExpertConfig(**{name: value})
+        CloningConfig(**{name: value})
 
 
 def test_the_presets_of_the_thesis_hold_its_settings():
@@ -171,7 +171,7 @@ def test_the_presets_of_the_thesis_hold_its_settings():
 
 
 def test_the_expert_of_the_thesis_is_the_default():
-    config = ExpertConfig()
+    config = CloningConfig()
     assert config.architecture.hidden == (400, 300)
     assert config.architecture.activation == "leaky_relu"
     assert (config.learning_rate, config.batch_size) == (1e-3, 256)

@@ -10,13 +10,14 @@ import pytest
 import torch
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from rled_agent.training.checkpoint import Checkpoint, CheckpointError, read_checkpoint, write_checkpoint
+from rled_agent.nn.tensor_file import TensorFileError
+from rled_agent.training.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
 from rled_agent.nn.architecture import Architecture
 from rled_agent.nn.perceptron import Perceptron
 from rled_agent.nn.policy import load_policy
-from rled_agent.replay.uniform import MOST_BYTES, Replay
+from rled_agent.replay.uniform import MAX_BYTES, Replay
 from rled_agent.training.run_directory import RunDirectory
-from rled_agent.uncertainty.monte_carlo import GateSettings
+from rled_agent.nn.policy import GateSettings
 from rled_msgs_py.errors import RledError
 from safetensors import safe_open
 from safetensors.torch import load_file, save_file
@@ -175,13 +176,13 @@ def test_a_state_of_another_kind_is_refused(path, state):
     if isinstance(state, dict):
         assert read_checkpoint(path).state == state
     else:
-        with pytest.raises(CheckpointError, match="its state is no object"):
+        with pytest.raises(TensorFileError, match="its state is no object"):
             read_checkpoint(path)
 
 
 def test_a_checkpoint_with_a_number_that_is_not_finite_is_refused(path):
     write_checkpoint(path, Checkpoint({"actor": torch.tensor([1.0, np.nan])}, {}))
-    with pytest.raises(CheckpointError, match="holds NaN or infinity in actor"):
+    with pytest.raises(TensorFileError, match="holds NaN or infinity in actor"):
         read_checkpoint(path)
 
 
@@ -193,7 +194,7 @@ def test_a_network_is_refused_before_it_takes_memory():
 def test_a_replay_is_refused_before_it_takes_memory():
     with pytest.raises(RledError, match=r"a replay of 1,000,000,000,000 transitions takes .* GiB; accepted: "):
         Replay(4, 2, 10**12)
-    assert MOST_BYTES > 1 << 28
+    assert MAX_BYTES > 1 << 28
 
 
 def test_what_a_policy_was_gated_with_comes_back(path, make_policy):

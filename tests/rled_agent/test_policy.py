@@ -5,7 +5,7 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 import torch
-from rled_agent.training.checkpoint import CheckpointError
+from rled_agent.nn.tensor_file import TensorFileError
 from rled_agent.nn.policy import load_policy
 from rled_msgs_py.errors import ContractError, RledError
 from rled_sim.robots import ROBOTS
@@ -72,7 +72,7 @@ def test_acting_takes_the_observation_through_the_scaling(make_policy):
 
 
 def test_a_missing_policy_is_refused(path):
-    with pytest.raises(CheckpointError, match=r"there is no .*expert"):
+    with pytest.raises(TensorFileError, match=r"there is no .*expert"):
         load_policy(path)
 
 
@@ -81,7 +81,7 @@ def test_a_truncated_policy_is_refused(path, make_policy):
     whole = path.read_bytes()
     for length in (0, 7, 200, len(whole) - 1):
         path.write_bytes(whole[:length])
-        with pytest.raises(CheckpointError, match="damaged"):
+        with pytest.raises(TensorFileError, match="damaged"):
             load_policy(path)
 
 
@@ -119,20 +119,20 @@ def test_another_version_or_a_damaged_header_is_refused(changed, header, what):
     ],
 )
 def test_weights_of_another_shape_are_refused(changed, tensors, what):
-    with pytest.raises(CheckpointError, match=what):
+    with pytest.raises(TensorFileError, match=what):
         load_policy(changed(**tensors))
 
 
 def test_a_header_of_another_architecture_is_refused(changed, make_policy):
     wider = asdict(replace(make_policy().network.architecture, hidden=(9, 6)))
-    with pytest.raises(CheckpointError, match=r"network.weights.0"):
+    with pytest.raises(TensorFileError, match=r"network.weights.0"):
         load_policy(changed({"architecture": json.dumps(wider)}))
 
 
 def test_a_pickle_is_refused(path):
     path.parent.mkdir()
     path.write_bytes(pickle.dumps({"weights": [1.0]}))
-    with pytest.raises(CheckpointError, match="damaged"):
+    with pytest.raises(TensorFileError, match="damaged"):
         load_policy(path)
 
 
@@ -145,13 +145,13 @@ def test_a_policy_of_another_robot_does_not_fit_a_task(path, make_policy, task):
 
 def test_a_policy_that_cannot_be_written_is_one_clear_error(tmp_path, make_policy):
     (tmp_path / "file").touch()
-    with pytest.raises(CheckpointError, match=r"can't write .*policy"):
+    with pytest.raises(TensorFileError, match=r"can't write .*policy"):
         make_policy().save(tmp_path / "file" / "policy.safetensors")
 
 
 @pytest.mark.parametrize("name", ["expert.safetensors", "policy.safetensors"])
 def test_the_folder_of_a_training_stands_for_the_policy_in_it(tmp_path, make_policy, name):
-    with pytest.raises(CheckpointError, match=r"no policy in .*; accepted: policy.safetensors or expert.safetensors"):
+    with pytest.raises(TensorFileError, match=r"no policy in .*; accepted: policy.safetensors or expert.safetensors"):
         load_policy(tmp_path)
     policy = make_policy()
     policy.save(tmp_path / name)

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 import torch
 from rled_agent.exploration.behaviour import MonteCarloGate
-from rled_agent.training.checkpoint import Checkpoint, CheckpointError, read_checkpoint, write_checkpoint
-from rled_agent.training.config import BehaviourConfig, ScheduleConfig, TrainConfig
+from rled_agent.nn.tensor_file import TensorFileError
+from rled_agent.training.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
+from rled_agent.training.config import BehaviourConfig, Schedule, TrainConfig
 from rled_agent.training.environments import make_environment
 from rled_agent.training.expertise import Expertise, no_expertise, read_expertise
 from rled_agent.learners.td3 import LearnerConfig
@@ -23,7 +24,7 @@ from rled_sim.robots import ROBOTS
 from rled_sim.tasks import reach_task
 
 TINY = Architecture(hidden=(12, 10))
-SCHEDULE = ScheduleConfig(
+SCHEDULE = Schedule(
     steps=400, train_after=40, train_every=20, gradient_steps=10, batch_size=16, capacity=150, evaluation_episodes=2
 )
 LEARNER = LearnerConfig(actor=TINY, critic=TINY)
@@ -136,7 +137,7 @@ def test_evaluations_change_nothing(make):
 )
 def test_a_checkpoint_of_other_networks_or_of_more_transitions_is_refused(make, change):
     checkpoint = run(make(BIASED), 130).checkpoint()
-    with pytest.raises(CheckpointError):
+    with pytest.raises(TensorFileError):
         make(replace(BIASED, **change)).restore(checkpoint)
 
 
@@ -144,7 +145,7 @@ def test_a_checkpoint_of_another_environment_is_refused(make):
     checkpoint = run(make(PLAIN), 10).checkpoint()
     pendulum = replace(PLAIN, env="Pendulum-v1", reward="own")
     env = make_environment(pendulum, None)
-    with pytest.raises(CheckpointError):
+    with pytest.raises(TensorFileError):
         Trainer(env, env, pendulum, no_expertise(env, pendulum)).restore(checkpoint)
 
 

@@ -35,8 +35,8 @@ def train(monkeypatch: pytest.MonkeyPatch, planar_bag: Path, tmp_path: Path) -> 
 
     def run(name: str, *options: object) -> Path:
         given = ["--bag", planar_bag, "--output", tmp_path / name, "--evaluation-episodes", 2, *QUICK, *options]
-        monkeypatch.setattr(sys, "argv", ["train_peer", *map(str, given)])
-        train_peer.main()
+        monkeypatch.setattr(sys, "argv", ["train_baseline", *map(str, given)])
+        train_baseline.main()
         return tmp_path / name
 
     return run

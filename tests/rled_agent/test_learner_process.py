@@ -10,18 +10,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from rled_agent.deploy.learner_client import Apprentice
-from rled_agent.training.checkpoint import Checkpoint, CheckpointError, read_checkpoint
-from rled_agent.training.config import ScheduleConfig, TrainConfig
+from rled_agent.deploy.learner_client import LearnerClient
+from rled_agent.nn.tensor_file import TensorFileError
+from rled_agent.training.checkpoint import Checkpoint, read_checkpoint
+from rled_agent.training.config import Schedule, TrainConfig
 from rled_agent.learners.td3 import Learner, LearnerConfig
-from rled_agent.deploy.learner_process import Options, Student
+from rled_agent.deploy.learner_process import Options, LearnerProcess
 from rled_agent.training.learning_state import pack, unpack
 from rled_agent.nn.architecture import Architecture
 from rled_agent.deploy.online_learning import OnlineLearning
 from rled_agent.nn.policy import load_policy
 from rled_agent.replay.uniform import Replay
 from rled_agent.training.run_directory import RunDirectory
-from rled_agent.deploy.shared_parameters import WeightSlot
+from rled_agent.deploy.shared_parameters import SharedParameters
 from rled_msgs_py.errors import RledError
 
 PATIENCE = 60.0
@@ -37,9 +38,9 @@ def await_that(condition: Callable[[], bool]) -> None:
 
 
 @pytest.fixture
-def slots() -> Iterator[tuple[WeightSlot, WeightSlot]]:
-    owner = WeightSlot(5)
-    joined = WeightSlot(5, owner.name)
+def slots() -> Iterator[tuple[SharedParameters, SharedParameters]]:
+    owner = SharedParameters(5)
+    joined = SharedParameters(5, owner.name)
     yield owner, joined
     joined.close()
     owner.close()
@@ -72,11 +73,11 @@ def test_a_write_in_progress_is_not_taken(slots):
 
 def test_a_slot_that_is_too_small_is_refused(slots):
     with pytest.raises(RledError, match="too small"):
-        WeightSlot(5000, slots[0].name)
+        SharedParameters(5000, slots[0].name)
 
 
 def test_a_transition_that_is_not_finite_is_not_offered(planar_expert, tmp_path):
-    apprentice = Apprentice(load_policy(planar_expert).network, planar_expert, tmp_path / "state.safetensors")
+    apprentice = LearnerClient(load_policy(planar_expert).network, planar_expert, tmp_path / "state.safetensors")
     try:
         apprentice.offer(np.array([0.0, np.inf], dtype=np.float32))
         assert (apprentice.offered, apprentice.dropped) == (1, 1)
@@ -119,7 +120,7 @@ def test_state_is_unpacked_as_it_was_packed():
 def test_state_of_other_networks_or_of_more_transitions_is_refused_and_nothing_changed(other):
     learner, replay = other()
     before = learner.actor.vector()
-    with pytest.raises(CheckpointError, match="the checkpoint holds"):
+    with pytest.raises(TensorFileError, match="the checkpoint holds"):
         unpack(pack(*learned()), learner, replay)
     assert (learner.actor.vector() == before).all()
     assert len(replay) == 0
@@ -128,7 +129,7 @@ def test_state_of_other_networks_or_of_more_transitions_is_refused_and_nothing_c
 def test_state_that_lacks_a_tensor_is_refused():
     tensors, state = pack(*learned())
     del tensors["critic_adam.weights.0.exp_avg"]
-    with pytest.raises(CheckpointError, match=r"holds nothing as critic_adam.weights.0.exp_avg"):
+    with pytest.raises(TensorFileError, match=r"holds nothing as critic_adam.weights.0.exp_avg"):
         unpack(Checkpoint(tensors, state), *learned())
 
 
@@ -136,7 +137,7 @@ def test_state_that_lacks_a_tensor_is_refused():
 def test_the_student_begins_with_the_very_network_of_the_policy(make_policy, tmp_path, settings):
     make_policy(**settings).save(tmp_path / "policy")
     policy = load_policy(tmp_path / "policy")
-    student = Student(Options(tmp_path / "policy", "slot", tmp_path / "state"))
+    student = LearnerProcess(Options(tmp_path / "policy", "slot", tmp_path / "state"))
     for network in (student.learner.actor, student.learner.target_actor):
         assert network.architecture == policy.network.architecture
         assert (network.vector() == policy.network.vector()).all()
@@ -152,10 +153,10 @@ def marked(count: int, by_person: bool = False) -> np.ndarray:
 
 def test_gradient_steps_are_owed_for_transitions(make_policy, tmp_path):
     make_policy().save(tmp_path / "policy")
-    config = TrainConfig(schedule=ScheduleConfig(capacity=30))
+    config = TrainConfig(schedule=Schedule(capacity=30))
     RunDirectory(tmp_path).create({"config": config.to_dict()})
     options = Options(tmp_path / "policy", "slot", tmp_path / "state", train_after=10, updates_per_step=0.5)
-    student = Student(options)
+    student = LearnerProcess(options)
     for rows, owed in ((marked(10), 0), (marked(7), 4), (marked(1), 0), (marked(20), 10)):
         student.add(rows)
         begun = student.learner.updates
@@ -169,12 +170,12 @@ def test_the_student_goes_on_from_the_run_of_the_policy(make_policy, tmp_path):
     policy, run = make_policy(), RunDirectory(tmp_path)
     policy.save(run.policy_path)
     settings = replace(CONFIG, gamma=0.5, actor=policy.network.architecture)
-    run.create({"config": TrainConfig(learner=settings, schedule=ScheduleConfig(capacity=50)).to_dict()})
+    run.create({"config": TrainConfig(learner=settings, schedule=Schedule(capacity=50)).to_dict()})
     learner, replay = Learner(4, 2, settings, torch.Generator().manual_seed(7)), Replay(4, 2, 50)
     replay.rows[:40], replay.added, learner.updates = transitions(40), 40, 33
     run.save(pack(learner, replay))
 
-    student = Student(Options(run.policy_path, "slot", tmp_path / "state"))
+    student = LearnerProcess(Options(run.policy_path, "slot", tmp_path / "state"))
     assert student.learner.config == settings
     assert (student.learner.critic.vector() == learner.critic.vector()).all()
     assert (student.replay.added, student.learner.updates) == (40, 33)
@@ -186,7 +187,7 @@ def test_the_student_goes_on_from_the_run_of_the_policy(make_policy, tmp_path):
 def test_what_a_person_did_is_learned_from_at_once_and_kept(make_policy, tmp_path, monkeypatch):
     make_policy().save(tmp_path / "policy")
     options = Options(tmp_path / "policy", "slot", tmp_path / "state", train_after=0, person_share=0.25)
-    student, batches = Student(options), []
+    student, batches = LearnerProcess(options), []
     update = student.learner.update
     monkeypatch.setattr(student.learner, "update", lambda batch: (batches.append(batch), update(batch)))
     student.add(marked(40))
@@ -198,16 +199,16 @@ def test_what_a_person_did_is_learned_from_at_once_and_kept(make_policy, tmp_pat
     drawn = batches[1].rows[-batches[1].demonstrated :].numpy()
     assert {row.tobytes() for row in drawn} <= {row.tobytes() for row in by_person[:, :-1]}
     student.save()
-    again = Student(options)
+    again = LearnerProcess(options)
     assert (again.replay.added, len(again.by_person)) == (43, 3)
     np.testing.assert_array_equal(again.by_person.rows[:3], by_person[:, :-1])
 
 
 @pytest.fixture
-def apprentice(make_policy, tmp_path: Path) -> Iterator[Apprentice]:
+def apprentice(make_policy, tmp_path: Path) -> Iterator[LearnerClient]:
     policy = make_policy(dropout=0.2, layer_norm=True)
     policy.save(tmp_path / "policy.safetensors")
-    apprentice = Apprentice(policy.network, tmp_path / "policy.safetensors", tmp_path / "state.safetensors", "low")
+    apprentice = LearnerClient(policy.network, tmp_path / "policy.safetensors", tmp_path / "state.safetensors", "low")
     yield apprentice
     if apprentice.running:
         apprentice.close(PATIENCE)
@@ -238,7 +239,7 @@ def test_the_apprentice_learns_hands_weights_over_and_keeps_its_state(apprentice
 @pytest.mark.parametrize(("priority", "policy", "niceness"), [("idle", os.SCHED_IDLE, 0), ("low", os.SCHED_OTHER, 10)])
 def test_learning_lets_control_go_first(planar_expert, tmp_path, priority, policy, niceness):
     network = load_policy(planar_expert).network
-    apprentice = Apprentice(network, planar_expert, tmp_path / "state.safetensors", priority)
+    apprentice = LearnerClient(network, planar_expert, tmp_path / "state.safetensors", priority)
     try:
         process = apprentice._process.pid
         assert os.sched_getscheduler(process) == policy
@@ -262,12 +263,12 @@ def test_learning_does_not_go_on_with_what_another_policy_has_learned(make_polic
     make_policy(0, dropout=0.1).save(began)
     make_policy(0, dropout=0.1).save(copied)
     make_policy(1, dropout=0.1).save(other)
-    Student(Options(began, "slot", state)).save()
-    Student(Options(copied, "slot", state))
+    LearnerProcess(Options(began, "slot", state)).save()
+    LearnerProcess(Options(copied, "slot", state))
     said = f"holds what another policy than {other} has learned; accepted: .*; go on with --agent {began}, or name"
-    with pytest.raises(CheckpointError, match=said):
-        Student(Options(other, "slot", state))
-    with pytest.raises(CheckpointError, match=said):
+    with pytest.raises(TensorFileError, match=said):
+        LearnerProcess(Options(other, "slot", state))
+    with pytest.raises(TensorFileError, match=said):
         OnlineLearning(load_policy(other), str(other), str(state), "low").start()
 
 
@@ -288,7 +289,7 @@ def test_learning_does_not_begin_where_its_state_cannot_be_kept(make_policy, tmp
 def test_a_state_whose_counts_are_none_is_refused(part, value):
     learner, replay = Learner(3, 2, CONFIG, torch.Generator()), Replay(3, 2, 20)
     tensors, state = pack(learner, replay)
-    with pytest.raises(CheckpointError, match=f"says .* as {part}; accepted: a whole number, 0 or more"):
+    with pytest.raises(TensorFileError, match=f"says .* as {part}; accepted: a whole number, 0 or more"):
         unpack(Checkpoint(tensors, state | {part: value}), learner, replay)
 
 
@@ -297,5 +298,5 @@ def test_a_state_whose_counts_are_none_is_refused(part, value):
 def test_a_state_with_a_tensor_of_another_kind_is_refused(name, tensor):
     learner, replay = Learner(3, 2, CONFIG, torch.Generator()), Replay(3, 2, 20)
     tensors, state = pack(learner, replay)
-    with pytest.raises(CheckpointError):
+    with pytest.raises(TensorFileError):
         unpack(Checkpoint(tensors | {name: tensor}, state), learner, replay)
