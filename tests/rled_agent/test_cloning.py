@@ -83,7 +83,7 @@ def test_a_policy_saved_is_the_policy_learned(zeta, tmp_path: Path):
 def answered(task, observations: np.ndarray, trajectory: np.ndarray) -> RecordedTrajectories:
     """States that were answered with nothing, of which it is not known where they led to."""
     nothing = (np.zeros((0, size)) for size in (2, 3, 3, 2, 2, 3, 3))
-    unknown = Moves(*nothing, np.zeros(0, dtype=bool))
+    unknown = Moves(*nothing, np.zeros(0))
     answers = Answers(observations, np.zeros((len(observations), 2)), trajectory)
     return RecordedTrajectories(task, answers, unknown, np.zeros(0, dtype=np.int64))
 
