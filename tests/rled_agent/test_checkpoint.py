@@ -71,11 +71,11 @@ def test_a_checkpoint_with_a_changed_header_is_refused(path):
 @pytest.mark.parametrize(
     ("header", "what"),
     [
-        (None, "is of no format; accepted: rled-checkpoint 3"),
-        ({"format": "rled-policy", "version": "1"}, "is rled-policy 1; accepted: rled-checkpoint 3"),
-        ({"format": "rled-checkpoint", "version": "1"}, "is rled-checkpoint 1; accepted: rled-checkpoint 3"),
-        ({"format": "rled-checkpoint", "version": "3"}, "damaged"),
-        ({"format": "rled-checkpoint", "version": "3", "state": "{"}, "damaged"),
+        (None, "is of no format; accepted: rled-checkpoint 4"),
+        ({"format": "rled-policy", "version": "1"}, "is rled-policy 1; accepted: rled-checkpoint 4"),
+        ({"format": "rled-checkpoint", "version": "1"}, "is rled-checkpoint 1; accepted: rled-checkpoint 4"),
+        ({"format": "rled-checkpoint", "version": "4"}, "damaged"),
+        ({"format": "rled-checkpoint", "version": "4", "state": "{"}, "damaged"),
     ],
 )
 def test_other_headers_are_refused(tmp_path, header, what):

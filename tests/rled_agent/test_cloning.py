@@ -6,7 +6,7 @@ import torch
 from rled_agent.data.demonstrations import Moves
 from rled_agent.data.opening import open_demonstrations
 from rled_agent.data.recorded import Answers, RecordedTrajectories
-from rled_agent.learners.cloning import CurvePoint, CloningConfig, clone_expert
+from rled_agent.learners.cloning import CloningConfig, CurvePoint, clone_expert
 from rled_agent.nn.architecture import Architecture
 from rled_agent.nn.policy import load_policy
 from rled_msgs_py.errors import RledError

@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from rled_agent.experiments.archive import Archive, KeptRun, is_record
 from rled_agent.experiments.experiment import Drawing, ExperimentError, RunName, read_experiment
-from rled_agent.experiments.records import read_bins, read_traces, read_episodes, read_experts
+from rled_agent.experiments.records import read_bins, read_episodes, read_experts, read_traces
 from rled_agent.training.tables import read_rows
 from rled_msgs_py.errors import RledError
 

@@ -11,18 +11,18 @@ import numpy as np
 import pytest
 import torch
 from rled_agent.deploy.learner_client import LearnerClient
+from rled_agent.deploy.learner_process import LearnerProcess, Options
+from rled_agent.deploy.online_learning import OnlineLearning
+from rled_agent.deploy.shared_parameters import SharedParameters
+from rled_agent.learners.td3 import Learner, LearnerConfig
+from rled_agent.nn.architecture import Architecture
+from rled_agent.nn.policy import load_policy
 from rled_agent.nn.tensor_file import TensorFileError
+from rled_agent.replay.uniform import Replay
 from rled_agent.training.checkpoint import Checkpoint, read_checkpoint
 from rled_agent.training.config import Schedule, TrainConfig
-from rled_agent.learners.td3 import Learner, LearnerConfig
-from rled_agent.deploy.learner_process import Options, LearnerProcess
 from rled_agent.training.learning_state import pack, unpack
-from rled_agent.nn.architecture import Architecture
-from rled_agent.deploy.online_learning import OnlineLearning
-from rled_agent.nn.policy import load_policy
-from rled_agent.replay.uniform import Replay
 from rled_agent.training.run_directory import RunDirectory
-from rled_agent.deploy.shared_parameters import SharedParameters
 from rled_msgs_py.errors import RledError
 
 PATIENCE = 60.0

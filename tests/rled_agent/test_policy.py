@@ -5,8 +5,10 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 import torch
+from rled_agent.nn.architecture import Architecture
+from rled_agent.nn.perceptron import Perceptron
+from rled_agent.nn.policy import GateSettings, Origin, Policy, Shape, load_policy
 from rled_agent.nn.tensor_file import TensorFileError
-from rled_agent.nn.policy import load_policy
 from rled_msgs_py.errors import ContractError, RledError
 from rled_sim.robots import ROBOTS
 from rled_sim.tasks import reach_task
@@ -46,6 +48,36 @@ def test_a_policy_comes_back_bit_for_bit(path, make_policy, settings):
     assert loaded.task == policy.task
     assert loaded.network.architecture == policy.network.architecture
     np.testing.assert_array_equal(loaded.act(OBSERVATIONS), policy.act(OBSERVATIONS))
+
+
+def test_members_critic_and_origin_come_back(path, make_policy):
+    one, drawing = make_policy(), torch.Generator().manual_seed(5)
+    actors = Perceptron(4, 2, Architecture(hidden=(7,)), drawing, members=3, squash=True)
+    critic = Perceptron(6, 1, Architecture(hidden=(5, 4), layer_norm=True), drawing, members=2)
+    origin = Origin("mc_rled", GateSettings("std", 0.25, 12, "critics"))
+    policy = Policy(actors, one.scaling, one.task, origin, critic)
+    policy.save(path)
+    loaded = load_policy(path)
+    assert loaded.origin == origin
+    assert (loaded.network.members, loaded.critic.members) == (3, 2)
+    assert (loaded.network.squash, loaded.critic.squash) == (True, False)
+    assert loaded.critic.architecture == critic.architecture
+    pairs = torch.randn(9, 6, generator=drawing)
+    assert torch.equal(loaded.critic(pairs), critic(pairs))
+    np.testing.assert_array_equal(loaded.act(OBSERVATIONS), policy.act(OBSERVATIONS))
+    one.save(path)
+    alone = load_policy(path)
+    assert (alone.critic, alone.origin) == (None, Origin("cloning", None))
+
+
+def test_the_mean_of_the_members_acts(make_policy):
+    one = make_policy()
+    members = Perceptron(4, 2, Architecture(hidden=()), torch.Generator(), members=2, squash=True)
+    members.load_vector(np.zeros(20, dtype=np.float32))
+    members.state_dict()["biases.0"].copy_(torch.tensor([[[0.5, -0.5]], [[1.0, 2.0]]]))
+    actions = Policy(members, one.scaling, one.task).act(OBSERVATIONS[:3])
+    expected = 0.1 * (np.tanh([0.5, -0.5]) + np.tanh([1.0, 2.0])) / 2
+    np.testing.assert_allclose(actions, np.tile(expected, (3, 1)), rtol=1e-6)
 
 
 def test_actions_are_physical_and_bounded(make_policy):
@@ -88,12 +120,15 @@ def test_a_truncated_policy_is_refused(path, make_policy):
 @pytest.mark.parametrize(
     ("header", "what"),
     [
-        ({"version": "1"}, "is rled-policy 1; accepted: rled-policy 2"),
-        ({"format": "another"}, "is another 2; accepted: rled-policy 2"),
+        ({"version": "1"}, "is rled-policy 1; accepted: rled-policy 3"),
+        ({"format": "another"}, "is another 3; accepted: rled-policy 3"),
         ({"format": None}, "of no format"),
-        ({"architecture": None}, "damaged"),
-        ({"architecture": "{"}, "damaged"),
-        ({"architecture": json.dumps({"width": 3})}, "damaged"),
+        ({"networks": None}, "damaged"),
+        ({"networks": "{"}, "damaged"),
+        ({"networks": json.dumps({"network": {"width": 3}})}, "damaged"),
+        ({"networks": json.dumps({"critic": {"width": 3}})}, "networks of other names"),
+        ({"origin": None}, "damaged"),
+        ({"origin": "{}"}, "origin has other fields"),
         ({"task": None}, "damaged"),
         ({"task": "{}"}, "task description"),
     ],
@@ -124,9 +159,9 @@ def test_weights_of_another_shape_are_refused(changed, tensors, what):
 
 
 def test_a_header_of_another_architecture_is_refused(changed, make_policy):
-    wider = asdict(replace(make_policy().network.architecture, hidden=(9, 6)))
+    wider = asdict(Shape(replace(make_policy().network.architecture, hidden=(9, 6)), 1))
     with pytest.raises(TensorFileError, match=r"network.weights.0"):
-        load_policy(changed({"architecture": json.dumps(wider)}))
+        load_policy(changed({"networks": json.dumps({"network": wider})}))
 
 
 def test_a_pickle_is_refused(path):

@@ -9,9 +9,7 @@ from rled_agent.replay.uniform import UniformReplay
 
 
 def make(capacity: int = 4, seed: int = 0, alpha: float = 1.0, beta: float = 1.0, epsilon: float = 0.0):
-    return PrioritisedReplay(
-        UniformReplay(1, 1, capacity, torch.Generator().manual_seed(seed)), alpha, beta, epsilon
-    )
+    return PrioritisedReplay(UniformReplay(1, 1, capacity, torch.Generator().manual_seed(seed)), alpha, beta, epsilon)
 
 
 def fill(replay: PrioritisedReplay, count: int) -> PrioritisedReplay:

@@ -151,7 +151,6 @@ def test_recorded_transitions_are_drawn_with_equal_weight(planar_bag):
     assert np.square(counts - 100).sum() / 100 < len(recorded) + 5 * np.sqrt(2 * len(recorded))
 
 
-
 def test_points_are_counted_of_points_only(planar_bag):
     with pytest.raises(DemonstrationError, match="--points 3 with --source trajectories"):
         open_demonstrations(planar_bag, "trajectories", points=3)

@@ -1,6 +1,7 @@
 """TD3 and DDPG: the update against a second writing of it, and targets worked out by hand."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -47,8 +48,7 @@ def batches(count: int, demonstrated: int = 0, gamma: float = 0.9) -> list[Trans
     return found
 
 
-@dataclass(frozen=True)
-class Case:
+class Case(NamedTuple):
     """What is compared."""
 
     config: TD3Config
@@ -355,9 +355,7 @@ def assert_same(one: TD3Learner, other: TD3Learner) -> None:
 
 
 def test_its_state_and_that_of_its_generator_are_all_there_is():
-    one, other = (
-        TD3Learner(OBSERVATION, ACTION, replace(TD3, rate_decay=3.0), generator(seed)) for seed in (1, 2)
-    )
+    one, other = (TD3Learner(OBSERVATION, ACTION, replace(TD3, rate_decay=3.0), generator(seed)) for seed in (1, 2))
     for batch in batches(3):
         one.update(batch)
     other.load_state_dict(one.state_dict())

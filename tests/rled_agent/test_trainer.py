@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 import torch
 from rled_agent.exploration.behaviour import MonteCarloGate
+from rled_agent.learners.td3 import LearnerConfig
+from rled_agent.nn.architecture import Architecture
+from rled_agent.nn.scaling import scaling_of_bounds
 from rled_agent.nn.tensor_file import TensorFileError
 from rled_agent.training.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
 from rled_agent.training.config import BehaviourConfig, Schedule, TrainConfig
 from rled_agent.training.environments import make_environment
 from rled_agent.training.expertise import Expertise, no_expertise, read_expertise
-from rled_agent.learners.td3 import LearnerConfig
-from rled_agent.nn.architecture import Architecture
-from rled_agent.nn.scaling import scaling_of_bounds
 from rled_agent.training.trainer import DivergenceError, Trainer
 from rled_msgs_py.bags import Bag
 from rled_msgs_py.errors import ContractError, RledError

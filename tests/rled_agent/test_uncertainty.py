@@ -71,7 +71,9 @@ def test_an_actor_without_dropout_is_sure():
 def linear(outputs: int, *members: tuple[list[list[float]], list[float]], squash: bool) -> Perceptron:
     """Members without hidden layers, each of its weights (inputs, outputs) and biases."""
     inputs = len(members[0][0])
-    network = Perceptron(inputs, outputs, Architecture(hidden=()), torch.Generator(), members=len(members), squash=squash)
+    network = Perceptron(
+        inputs, outputs, Architecture(hidden=()), torch.Generator(), members=len(members), squash=squash
+    )
     state = network.state_dict()
     for k, (weights, biases) in enumerate(members):
         state["weights.0"][k] = torch.tensor(weights)

@@ -84,7 +84,7 @@ def test_same_generator_state_draws_the_same_batch():
 @pytest.mark.parametrize("count", [3, 4, 9])
 def test_it_goes_on_from_its_state(count):
     one, other = fill(make(4), count), fill(make(4), 2)
-    other.load_state_dict({name: each for name, each in one.state_dict().items()})
+    other.load_state_dict(one.state_dict())
     for replay in (one, other):
         fill(replay, 3)
         replay.generator.manual_seed(3)
