@@ -13,7 +13,6 @@ from rled_agent.training.environments import (
     task_of,
 )
 from rled_agent.training.rollout import roll_out
-from rled_msgs_py.bags import Bag
 from rled_msgs_py.errors import RledError
 from rled_sim.robots import ROBOTS
 
@@ -122,11 +121,10 @@ def test_the_environment_of_a_robot_is_one_of_this_projects_whatever_it_is_calle
         assert len(str(caught.value)) < 300
 
 
-def test_demonstrations_of_another_robot_name_the_environment_that_fits(planar_bag):
-    bag = Bag(planar_bag)
-    require_robot_of(bag, "rled/PlanarReach-v0")
-    require_robot_of(bag, "Pendulum-v1")  # somebody else's environment says itself that it takes no bag
-    with pytest.raises(
-        RledError, match=r"is of robot planar, env rled/PandaReach-v0 of panda; .*--env rled/PlanarReac"
-    ):
-        require_robot_of(bag, "rled/PandaReach-v0")
+def test_demonstrations_of_another_robot_name_the_environment_that_fits(task):
+    require_robot_of(task, "rled/PlanarReach-v0", "the bag")
+    require_robot_of(task, "Pendulum-v1", "the bag")  # somebody else's environment says itself that it takes no bag
+    with pytest.raises(RledError) as caught:
+        require_robot_of(task, "rled/PandaReach-v0", "the bag")
+    said = "the bag is of robot planar, env rled/PandaReach-v0 of panda; accepted: a bag of panda"
+    assert str(caught.value) == f"{said}; or --env rled/PlanarReach-v0"
