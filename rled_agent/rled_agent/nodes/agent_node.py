@@ -3,7 +3,6 @@
 import math
 import time
 from functools import partial
-from threading import Event
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +15,7 @@ from rled_agent.deploy.arbiter import Arbiter, Outcome, Situation
 from rled_agent.deploy.online_learning import Answered, OnlineLearning
 from rled_agent.deploy.piloting import Pilot, Proposal, load_policies, observe
 from rled_agent.nodes.agent_params import AgentParams
-from rled_agent.nodes.agent_report import AgentReport
+from rled_agent.nodes.agent_report import AgentReport, gate_decision
 from rled_msgs_py.awaiting import brought_by, say_what_is_awaited
 from rled_msgs_py.callbacks import Ending, every, serve
 from rled_msgs_py.command_output import CommandOutput
@@ -24,7 +23,7 @@ from rled_msgs_py.errors import ContractError, RledError
 from rled_msgs_py.life import watch_life
 from rled_msgs_py.messages import encode
 from rled_msgs_py.node import advertise, declare, run_node, spin, subscribe, subscribe_ticks
-from rled_msgs_py.records import Actor, DeltaCommand, GateCode, GateDecision, Text
+from rled_msgs_py.records import Actor, DeltaCommand, GateCode, Text
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import STATE_TOPICS, Tick
 from rled_msgs_py.topics import (
@@ -234,17 +233,11 @@ class AgentNode(Node):
         self._tell(waiting, outcome)
 
     def _tell(self, waiting: Waiting, outcome: Outcome) -> None:
-        status, proposal = waiting.tick.status, waiting.proposal
         if self._told == (waiting.tick.stamp, outcome.code):
             return
         self._told = waiting.tick.stamp, outcome.code
         self._report.decided(outcome.code)
-        measured = proposal.uncertainty, proposal.threshold, proposal.measure
-        decision = GateDecision(
-            waiting.tick.stamp, outcome.level, outcome.actor, outcome.reason, *measured,
-            episode=status.episode, step=status.step, code=outcome.code,
-        )  # fmt: skip
-        self._gate.publish(encode(SAFETY_GATE, decision))
+        self._gate.publish(encode(SAFETY_GATE, gate_decision(waiting.tick, waiting.proposal, outcome)))
 
     def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._enabled = request.data
@@ -293,14 +286,13 @@ def _say(response: Any, success: bool, message: str) -> Any:
     return response
 
 
-def _spin(node: AgentNode, stop: Event) -> None:
-    spin(node, stop, EventsExecutor(context=node.context))
-
-
 def main() -> None:
     """Run the node."""
     summary = "Drive the robot with a learned policy, one decision per state."
-    run_node(AgentNode, AgentParams, "agent_node", summary, _spin)
+    run_node(
+        AgentNode, AgentParams, "agent_node", summary,
+        lambda node, stop: spin(node, stop, EventsExecutor(context=node.context)),
+    )  # fmt: skip
 
 
 if __name__ == "__main__":
