@@ -8,13 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rled_agent.training.evaluation import Score
+from rled_agent.cli import evaluate_agent
 from rled_agent.nn.architecture import Architecture
 from rled_agent.nn.policy import Policy, load_policy
+from rled_agent.training.evaluation import Score
 from rled_sim.robots import ROBOTS
 from rled_sim.tasks import reach_task
-
-from rled_agent.cli import evaluate_agent
 
 BINS = ["seen", "2-5 cm away", "5-10 cm away"]
 QUICK = ["--bins", "0.02", "0.05", "0.1", "--targets", "30", "--steps", "60"]
@@ -75,7 +74,9 @@ def test_expert_and_agent_stand_side_by_side(evaluate, planar_expert, idle, caps
     assert all((output / name).read_bytes()[:4] == b"\x89PNG" for name in pictures)
     head, *lines, last = capsys.readouterr().out.splitlines()
     assert head.split() == ["targets", "policy", "success", "steps", "path/straight", "jerk", "m/s3", "violations"]
-    for line, (group, name) in zip(lines, [(group, name) for group in BINS for name in ("expert", "agent")], strict=True):
+    for line, (group, name) in zip(
+        lines, [(group, name) for group in BINS for name in ("expert", "agent")], strict=True
+    ):
         assert line.startswith(group)
         assert line[16:].split()[0] == name
         figures = [math.nan if value is None else value for value in results[group][name].values()]

@@ -10,7 +10,11 @@ import pytest
 from rled_msgs_py.processes import program
 
 PATIENCE = 60.0
-COMMANDS = {"rled_sim.sim_node": "gymnasium", "rled_teleop.record_demos": "rclpy", "rled_agent.nodes.agent_node": "torch"}
+COMMANDS = {
+    "rled_sim.sim_node": "gymnasium",
+    "rled_teleop.record_demos": "rclpy",
+    "rled_agent.nodes.agent_node": "torch",
+}
 """Commands, and the import in each that takes longest."""
 
 

@@ -41,7 +41,7 @@ seeds = 2
 
 [variants.a]
 label = "A"
-options = ["--behaviour.phi", "0"]
+options = ["--phi", "0"]
 
 [variants.b]
 label = "B"
@@ -72,7 +72,7 @@ def test_an_experiment_has_a_run_for_each_variant_and_seed(library):
     first, peer = runs[2], runs[3]
     assert first.arguments(Path("out")) == [
         *("train_agent", "--expert", "out/base/plain/seed-1/expert.safetensors"),
-        *("--behaviour.phi", "0", "--seed", "1", "--output", "out/upon/a/seed-1"),
+        *("--phi", "0", "--seed", "1", "--output", "out/upon/a/seed-1"),
     ]
     assert peer.command == ("train_baseline", "--seed", "1")
 
