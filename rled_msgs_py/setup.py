@@ -22,7 +22,7 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
-            "security_policy = rled_msgs_py.starting:rled_msgs_py.security_policy",
+            "security_policy = rled_msgs_py.starting:rled_msgs_py.ros.security_policy",
         ]
     },
 )

@@ -41,7 +41,7 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
-            "sim_node = rled_msgs_py.starting:rled_sim.sim_node",
+            "sim_node = rled_msgs_py.starting:rled_sim.nodes.sim_node",
             "robot_description = rled_msgs_py.starting:rled_sim.robot_description",
         ]
     },

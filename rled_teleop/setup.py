@@ -32,15 +32,15 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
-            "teleop_scripted = rled_msgs_py.starting:rled_teleop.teleop_scripted",
-            "teleop_keyboard = rled_msgs_py.starting:rled_teleop.teleop_keyboard",
-            "demos = rled_msgs_py.starting:rled_teleop.demos",
-            "teleop_gamepad = rled_msgs_py.starting:rled_teleop.teleop_gamepad",
-            "teleop_kinesthetic = rled_msgs_py.starting:rled_teleop.teleop_kinesthetic",
-            "replay_demos = rled_msgs_py.starting:rled_teleop.replay_demos",
-            "teleop_web = rled_msgs_py.starting:rled_teleop.teleop_web",
-            "web_operator = rled_msgs_py.starting:rled_teleop.web_operator",
-            "record_demos = rled_msgs_py.starting:rled_teleop.record_demos",
+            "teleop_scripted = rled_msgs_py.starting:rled_teleop.nodes.teleop_scripted",
+            "teleop_keyboard = rled_msgs_py.starting:rled_teleop.nodes.teleop_keyboard",
+            "demos = rled_msgs_py.starting:rled_teleop.cli.demos",
+            "teleop_gamepad = rled_msgs_py.starting:rled_teleop.nodes.teleop_gamepad",
+            "teleop_kinesthetic = rled_msgs_py.starting:rled_teleop.nodes.teleop_kinesthetic",
+            "replay_demos = rled_msgs_py.starting:rled_teleop.nodes.replay_demos",
+            "teleop_web = rled_msgs_py.starting:rled_teleop.nodes.teleop_web",
+            "web_operator = rled_msgs_py.starting:rled_teleop.nodes.web_operator",
+            "record_demos = rled_msgs_py.starting:rled_teleop.nodes.record_demos",
         ]
     },
 )

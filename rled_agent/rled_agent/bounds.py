@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from rled_msgs_py.kinds import Range
+from rled_msgs_py.validation import Range
 
 MANY = 10**12
 Count = Annotated[int, Range(1, MANY)]

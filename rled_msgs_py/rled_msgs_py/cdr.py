@@ -18,7 +18,7 @@ GAPS = tuple(bytes(3 - length) for length in range(4))
 """Zeros behind a string of so many bytes, less whole fours, and its own zero."""
 
 KNOWN = 4096
-"""Most bytes of a sequence of strings that is remembered; the names of a hundred joints fit."""
+"""Maximum bytes of a sequence of strings that is remembered; the names of a hundred joints fit."""
 
 _known: tuple[int, bytes, tuple[str, ...]] = -1, b"", ()
 """Place, bytes and members of the sequence of strings read last."""

@@ -13,7 +13,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from rled_msgs_py.errors import RledError
-from rled_msgs_py.foreign import read_text
+from rled_msgs_py.untrusted import read_text
 
 RANGES = ("SUBNET", "LOCALHOST", "OFF", "SYSTEM_DEFAULT")
 MAX_DOMAIN = 101

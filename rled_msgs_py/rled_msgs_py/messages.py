@@ -24,10 +24,9 @@ from rled_msgs_py.records import (
     Record,
     TaskStatus,
     Text,
-    Vector,
-    rates_of,
 )
 from rled_msgs_py.topics import DIAGNOSTIC_ARRAY, JOINT_STATE, POSE_STAMPED, STRING, Topic
+from rled_msgs_py.vectors import Vector, rates_of
 
 NANOSECONDS = 1_000_000_000
 LATEST = 2**31 * NANOSECONDS
@@ -79,8 +78,8 @@ def require_size(topic: Topic, data: bytes) -> None:
     Raises:
         Unreadable: it is too large.
     """
-    if len(data) > topic.largest:
-        raise Unreadable(f"a message of {len(data)} bytes", f"{topic.largest} at most")
+    if len(data) > topic.max_bytes:
+        raise Unreadable(f"a message of {len(data)} bytes", f"{topic.max_bytes} at most")
 
 
 TYPES: Mapping[type, str] = {
@@ -164,7 +163,7 @@ def _health(source: CdrReader) -> Health:
 
 
 def _health_of_decision(decision: GateDecision) -> Health:
-    """Message "actor: reason", figures as key-values."""
+    """Message "actor: reason", metrics as key-values."""
     values = {
         "uncertainty": repr(float(decision.uncertainty)),
         "threshold": repr(float(decision.threshold)),

@@ -12,6 +12,7 @@ import time
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib.util import find_spec
 from pathlib import Path
 from types import TracebackType
 from typing import IO
@@ -19,8 +20,8 @@ from typing import IO
 from rled_msgs_py.errors import RledError
 
 LAST_LINES = 20
-POLL = 0.01
-PATIENCE = {signal.SIGINT: 15.0, signal.SIGTERM: 2.0}
+POLL_PERIOD = 0.01
+END_TIMEOUTS = {signal.SIGINT: 15.0, signal.SIGTERM: 2.0}
 """Seconds that a child is given to end after each signal, before SIGKILL."""
 
 _PR_SET_PDEATHSIG = 1
@@ -30,14 +31,22 @@ _libc = ctypes.CDLL(None)
 def program(package: str, name: str) -> list[str]:
     """How to start an executable of one of our packages, as a command line.
 
-    It is looked for beside the running interpreter (pip), then in the workspaces sourced (colcon); last, its module
-    is run.
+    It is looked for beside the running interpreter (pip), then in the workspaces sourced (colcon); last, the module of
+    that name in the package, in whatever folder, is run.
     """
     workspaces = [Path(each, "lib", package) for each in os.environ.get("AMENT_PREFIX_PATH", "").split(":") if each]
     for folder in (Path(sys.executable).parent, *workspaces):
         if (folder / name).is_file():
             return [_short(folder / name)]
-    return [_short(Path(sys.executable)), "-m", f"{package}.{name}"]
+    return [_short(Path(sys.executable)), "-m", _module(package, name)]
+
+
+def _module(package: str, name: str) -> str:
+    spec = find_spec(package)
+    for folder in (spec and spec.submodule_search_locations) or ():
+        for path in sorted(Path(folder).rglob(f"{name}.py")):
+            return ".".join([package, *path.relative_to(folder).with_suffix("").parts])
+    return f"{package}.{name}"
 
 
 def _short(path: Path) -> str:
@@ -136,14 +145,14 @@ class Children:
             self.check()
             if deadline is not None and time.monotonic() > deadline:
                 raise RledError(f"{child.name} still runs after {timeout:g} s")
-            time.sleep(POLL)
+            time.sleep(POLL_PERIOD)
         self._settle(child)
         self.check()
 
     def end(self, *chosen: Child) -> None:
         """End the chosen children, all of them by default, and their process groups."""
         ended = [child for child in chosen or tuple(reversed(self._children)) if child.exit_code is None]
-        for number, seconds in PATIENCE.items():
+        for number, seconds in END_TIMEOUTS.items():
             running = [child for child in ended if child.exit_code is None]
             for child in running:
                 _signal_group(child, number)
@@ -211,4 +220,4 @@ def _signal_group(child: Child, number: signal.Signals) -> None:
 def _await(children: Sequence[Child], seconds: float) -> None:
     deadline = time.monotonic() + seconds
     while any(child.exit_code is None for child in children) and time.monotonic() < deadline:
-        time.sleep(POLL)
+        time.sleep(POLL_PERIOD)

@@ -8,103 +8,15 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum, IntEnum
-from functools import lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from rled_msgs_py.errors import ContractError
-
-Vector = NDArray[np.float64]
-
-MOST_JOINTS = 256
-LONGEST_NAME = 256
-"""Characters of a joint's name."""
+from rled_msgs_py.joint_names import check_names, find_by_name, order_by_name, unknown_joint
+from rled_msgs_py.vectors import Vector, finite_vector, is_finite, sized_vector
 
 UNIT_TOLERANCE = 1e-3
 """How far the squared norm of an orientation may be from 1."""
-
-
-def is_finite(vector: Vector) -> bool:
-    """Whether all components are; for the few of a joint vector this takes a third of numpy's time."""
-    return all(map(math.isfinite, vector.tolist()))
-
-
-def finite_vector(values: ArrayLike, size: int, what: str) -> Vector:
-    """Return ``values`` as a read-only float64 vector, shape (size,).
-
-    Raises:
-        ContractError: another size, or a NaN or infinity in it.
-    """
-    vector = sized_vector(values, size, what)
-    if not is_finite(vector):
-        raise ContractError(f"{what} holds {vector[~np.isfinite(vector)][0]}", "finite numbers")
-    return vector
-
-
-def sized_vector(values: ArrayLike, size: int, what: str) -> Vector:
-    """The same, whatever the numbers are.
-
-    Raises:
-        ContractError: another size.
-    """
-    vector = np.array(values, dtype=np.float64)
-    if vector.shape != (size,):
-        raise ContractError(f"{what} has shape {vector.shape}", f"({size},)")
-    vector.flags.writeable = False
-    return vector
-
-
-def rates_of(velocity: Vector, size: int) -> Vector:
-    """Joint rates for so many joints, from as many as a driver tells, shape (..., size).
-
-    A driver that tells none means zero; where it tells fewer than there are joints the others are not known, NaN.
-    """
-    told = velocity.shape[-1]
-    if told == size:
-        return velocity
-    rates = np.full((*velocity.shape[:-1], size), np.nan if told else 0.0)
-    rates[..., :told] = velocity[..., :size]
-    return rates
-
-
-@lru_cache(maxsize=16)  # what it keeps is bounded by the two above: what they refuse is not kept
-def check_names(names: tuple[str, ...], what: str) -> None:
-    """Refuse joint names that do not tell joints apart.
-
-    Raises:
-        ContractError: none, too many, an empty one, one twice, or one that is too long.
-    """
-    if len(names) > MOST_JOINTS:
-        raise ContractError(f"{what} has {len(names)} names", f"{MOST_JOINTS} at most")
-    if any(len(name) > LONGEST_NAME for name in names):
-        raise ContractError(f"{what} has a name of {max(map(len, names))} characters", f"{LONGEST_NAME} at most")
-    if not names or len(set(names)) != len(names) or not all(names):
-        raise ContractError(f"{what} has names {list(names)}", "distinct, non-empty joint names")
-
-
-def order_by_name(names: tuple[str, ...], wanted: tuple[str, ...], what: str) -> list[int]:
-    """Indices that bring values named ``names`` into the order of ``wanted``.
-
-    Raises:
-        ContractError: a wanted name is missing or an unknown one is there.
-    """
-    if set(names) != set(wanted):
-        offenders = sorted(set(wanted) ^ set(names))
-        raise ContractError(f"{what} names {', '.join(names)}", ", ".join(wanted), f"differs in {', '.join(offenders)}")
-    return [names.index(name) for name in wanted]
-
-
-def find_by_name(names: tuple[str, ...], wanted: tuple[str, ...], what: str) -> list[int]:
-    """Indices of the wanted ones among values named ``names``; the others are passed over.
-
-    Raises:
-        ContractError: a wanted name is missing.
-    """
-    missing = [name for name in wanted if name not in names]
-    if missing:
-        raise ContractError(f"{what} names {', '.join(names)}", ", ".join(wanted), f"lacks {', '.join(missing)}")
-    return [names.index(name) for name in wanted]
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,12 +55,6 @@ class JointSample:
         if not is_finite(chosen.position):
             raise unknown_joint(f"the joint state of {self.stamp} ns", names, chosen.position)
         return chosen
-
-
-def unknown_joint(what: str, names: tuple[str, ...], position: Vector) -> ContractError:
-    """The error of a state in which a joint's position is not finite; angles (rad), shape (n,)."""
-    place = int(np.flatnonzero(~np.isfinite(position))[0])
-    return ContractError(f"{what}: {names[place]} is at {position[place]}", "a finite position of every joint in use")
 
 
 @dataclass(frozen=True, eq=False)
@@ -320,7 +226,7 @@ class Health:
         level: worst condition.
         name: node and part.
         message: summary in words.
-        values: figures by name.
+        values: metrics by name.
     """
 
     stamp: int

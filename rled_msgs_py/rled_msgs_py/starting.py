@@ -83,7 +83,7 @@ class _BeforeRos:
 def _open_streams() -> None:
     """Have all three streams, and let them take any text.
 
-    A file that is opened gets the least number that is free: with standard output closed, the words of a command would
+    An opened file gets the smallest free number: with standard output closed, the words of a command would
     go into its own files. Letters that the encoding lacks are written as their escapes.
     """
     for number in range(3):

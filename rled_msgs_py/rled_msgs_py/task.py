@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rled_msgs_py.errors import ContractError
-from rled_msgs_py.foreign import read_json
-from rled_msgs_py.kinds import check_kinds, from_object
-from rled_msgs_py.limits import NO_LIMITS, Limits
-from rled_msgs_py.records import check_names
+from rled_msgs_py.joint_names import check_names
+from rled_msgs_py.task_limits import NO_LIMITS, Limits
+from rled_msgs_py.untrusted import read_json
+from rled_msgs_py.validation import check_fields, from_object
 
 Observation = Literal["displacement_and_joints", "position_and_target"]
 Reward = Literal["dense", "sparse"]
@@ -33,8 +33,8 @@ class TaskDescription:
         joint_upper: upper joint limits (rad), n.
         max_delta: Δq_max, largest joint displacement of one step (rad).
         axes: indices of the m position components that the task uses.
-        workspace_lower: least end-effector position (m), m.
-        workspace_upper: greatest end-effector position (m), m.
+        workspace_lower: minimum end-effector position (m), m.
+        workspace_upper: maximum end-effector position (m), m.
         observation: how a state becomes a vector, see ``observe``.
         reward: reward function of section 4.1.3.
         reward_reached: u, paid when a target is reached (1).
@@ -66,7 +66,7 @@ class TaskDescription:
     limits: Limits = NO_LIMITS
 
     def __post_init__(self) -> None:
-        check_kinds(self)
+        check_fields(self)
         check_names(self.joint_names, "the task description")
         n, m = len(self.joint_names), len(self.axes)
         sizes = {"joint_lower": n, "joint_upper": n, "workspace_lower": m, "workspace_upper": m}
@@ -75,7 +75,7 @@ class TaskDescription:
                 raise ContractError(f"{name} has {len(getattr(self, name))} values", str(size))
         for what in ("joint", "workspace"):
             lower, upper = getattr(self, f"{what}_lower"), getattr(self, f"{what}_upper")
-            if any(least > most for least, most in zip(lower, upper, strict=True)):
+            if any(low > high for low, high in zip(lower, upper, strict=True)):
                 raise ContractError(f"{what}_lower {list(lower)}", f"at most {what}_upper {list(upper)}")
         if not self.axes or len(set(self.axes)) != m or not set(self.axes) <= {0, 1, 2}:
             raise ContractError(f"axes are {list(self.axes)}", "distinct ones of 0, 1, 2")
@@ -113,7 +113,7 @@ class TaskDescription:
         return np.concatenate([position.take(self._indices, -1), target.take(self._indices, -1)], axis=-1)
 
     def observation_bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Least and greatest observation inside the workspace and the joint limits."""
+        """Minimum and maximum observation inside the workspace and the joint limits."""
         lower, upper = np.array(self.workspace_lower), np.array(self.workspace_upper)
         if self.observation == "displacement_and_joints":
             span = upper - lower

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from rled_msgs_py.joint_halves import JointHalves
+from rled_msgs_py.joint_merger import JointMerger
 from rled_msgs_py.records import JointSample, PoseSample, TaskStatus
 from rled_msgs_py.topics import EE_POSE, JOINT_STATES, TARGET_POSE, TASK_STATUS
 
@@ -12,7 +12,7 @@ StateRecord = JointSample | PoseSample | TaskStatus
 Source = tuple[str, tuple[str, ...]]
 """Topic, and of joint samples the names."""
 
-MOST_WAITING = 100
+MAX_WAITING = 100
 """Incomplete ticks that are kept; the latched topics hand a late joiner 10 at once."""
 
 
@@ -46,7 +46,7 @@ class TickAssembler:
     of a restarted simulation: what waits is forgotten, and ticks are given out from the first stamp again.
 
     Once the robot's joints are known (``meet``), other joints are passed over, and samples that name only some of them
-    are put together, see ``JointHalves``.
+    are put together, see ``JointMerger``.
     """
 
     def __init__(self, names: tuple[str, ...] = ()) -> None:
@@ -54,12 +54,12 @@ class TickAssembler:
         self._last: dict[Source, int] = {}
         self._newest = -1
         self._of_old_run = set[Source]()
-        self._names, self._halves, self._has_halves = names, JointHalves(names), False
+        self._names, self._halves, self._has_halves = names, JointMerger(names), False
 
     def meet(self, names: tuple[str, ...]) -> None:
         """Learn which joints are the robot's."""
         if names != self._names:
-            self._names, self._halves = names, JointHalves(names)
+            self._names, self._halves = names, JointMerger(names)
 
     def add(self, topic: str, record: StateRecord) -> Tick | None:
         """Take one record; return the tick that it completes, if it does.
@@ -93,7 +93,7 @@ class TickAssembler:
 
     def _wait(self, stamp: int) -> dict[str, StateRecord]:
         parts = self._parts.setdefault(stamp, {})
-        if len(self._parts) > MOST_WAITING:
+        if len(self._parts) > MAX_WAITING:
             del self._parts[next(iter(self._parts))]
         return parts
 
@@ -115,7 +115,7 @@ class TickAssembler:
         """Notice a restart by the stamp of a publisher, told by its topic and the joints that it names."""
         if stamp <= self._last.get(source, -1):
             self._restart(source)
-        elif len(self._last) > MOST_WAITING:
+        elif len(self._last) > MAX_WAITING:
             self._last.clear()
         self._last[source] = stamp
 

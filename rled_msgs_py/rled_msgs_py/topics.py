@@ -31,7 +31,7 @@ class Qos:
     durability: Literal["volatile", "transient_local"] = "volatile"
 
 
-LARGEST = {
+MAX_BYTES = {
     JOINT_STATE: 64 << 10,  # 256 joints with names of a hundred characters have half of it
     POSE_STAMPED: 8 << 10,
     DIAGNOSTIC_ARRAY: 256 << 10,
@@ -39,8 +39,8 @@ LARGEST = {
     CLOCK: 1 << 10,
     MARKER_ARRAY: 4 << 20,
 }
-"""Most bytes of a message, by its type."""
-LARGEST_OF = {"task_description": 256 << 10, "episode_events": 64 << 10}
+"""Maximum bytes of a message, by its type."""
+MAX_BYTES_OF = {"task_description": 256 << 10, "episode_events": 64 << 10}
 """The same of topics that need less than their type."""
 
 
@@ -53,9 +53,9 @@ class Topic:
     qos: Qos
 
     @property
-    def largest(self) -> int:
-        """Most bytes of a message; larger ones are refused before they are read or kept."""
-        return LARGEST_OF.get(self.name, LARGEST[self.type])
+    def max_bytes(self) -> int:
+        """Maximum bytes of a message; larger ones are refused before they are read or kept."""
+        return MAX_BYTES_OF.get(self.name, MAX_BYTES[self.type])
 
 
 STATE_QOS = Qos(depth=10, durability="transient_local")

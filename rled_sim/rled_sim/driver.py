@@ -10,7 +10,8 @@ from rled_msgs_py.records import DeltaCommand, PoseSample
 from rled_msgs_py.tick import Tick
 
 from rled_sim.commands import Code, Refused, displacement
-from rled_sim.faults import NO_FAULTS, Faults, Line
+from rled_sim.fault_channel import FaultChannel
+from rled_sim.faults import NO_FAULTS, Faults
 from rled_sim.simulation import Simulation
 from rled_sim.ticks import tick_of
 
@@ -23,7 +24,7 @@ class Rules:
 
     Attributes:
         mode: ``lockstep`` waits at each tick for the command of its stamp; ``real_time`` is ticked by a timer.
-        command_timeout: real time: greatest age of the state that a command answers (ns of simulation time).
+        command_timeout: real time: largest age of the state that a command answers (ns of simulation time).
         auto_reset: begin the next episode as soon as one is over.
     """
 
@@ -45,7 +46,7 @@ class Driver:
         number: episodes begun before this one.
         paused: simulation time stands still.
         stopped: the emergency stop is on.
-        line: the way of commands and ticks, with its faults.
+        channel: carries commands and ticks, with its faults.
     """
 
     def __init__(
@@ -53,8 +54,8 @@ class Driver:
         simulation: Simulation,
         rules: Rules,
         seed: int,
-        give: Callable[[Tick], None],
-        taken: Callable[[], None] = lambda: None,
+        on_tick: Callable[[Tick], None],
+        on_accepted: Callable[[], None] = lambda: None,
         faults: Faults = NO_FAULTS,
     ) -> None:
         """Wire a driver; ``begin`` gives the first tick.
@@ -63,28 +64,28 @@ class Driver:
             simulation: what is driven.
             rules: how.
             seed: of every random draw.
-            give: called with each tick.
-            taken: called when a command is taken, before it is carried out.
+            on_tick: called with each tick.
+            on_accepted: called when a command is taken, before it is carried out.
             faults: between commands and simulation, and between simulation and ticks.
         """
         self.rules = rules
         self.stamp, self.number = -simulation.task.description.period, -1
         self.paused = self.stopped = False
-        self._simulation, self._give, self._taken = simulation, give, taken
+        self._simulation, self._on_tick, self._on_accepted = simulation, on_tick, on_accepted
         self._rng = np.random.default_rng(seed)
-        self.line = Line(faults, simulation.task.description, simulation.world.robot.chain.position)
-        self.line.seed(seed)
+        self.channel = FaultChannel(faults, simulation.task.description, simulation.plant.robot.chain.position)
+        self.channel.seed(seed)
         self._pending: list[float] | None = None
         self._answered = -1
         self._last: tuple[int, list[float]] | None = None
-        self._still = [0.0] * simulation.task.description.action_size
+        self._zero = [0.0] * simulation.task.description.action_size
 
     def begin(self) -> None:
         """Begin the next episode."""
         self.number += 1
         self._answered, self._pending = self.stamp, None
         self._simulation.reset(self._rng)
-        self.line.begin()
+        self.channel.begin()
         self._tick(0.0)
 
     def reset(self, seed: int | None = None) -> None:
@@ -97,13 +98,13 @@ class Driver:
             raise RledError("the emergency stop is on", "", "release it first")
         if seed is not None:
             self._rng = np.random.default_rng(seed)
-            self.line.seed(seed)
+            self.channel.seed(seed)
         self.begin()
 
     def command(self, command: DeltaCommand) -> None:
         """Take a command; in lockstep this steps.
 
-        The command taken last changes nothing when it comes again: who answers says it once more to each late listener.
+        The command taken last changes nothing when it comes again: it is retransmitted to each late listener.
 
         Raises:
             Refused: it is not taken; in lockstep the driver goes on waiting.
@@ -115,7 +116,7 @@ class Driver:
         self._require_fresh(command.stamp)
         self._last = command.stamp, delta
         self._answered, self._pending = command.stamp, delta
-        self._taken()
+        self._on_accepted()
         if self.rules.mode == "lockstep" and not self.paused:
             self._advance()
 
@@ -146,23 +147,23 @@ class Driver:
         """Latch or release the emergency stop.
 
         While it is on, commands are refused and no episode begins; in real time the ticks go on as holds. Released,
-        lockstep gives a hold as a new tick to answer, since nobody will answer the old one again.
+        lockstep gives a hold as a new tick to answer, since nobody answers the old one twice.
         """
         released = self.stopped and not on
         self.stopped, self._pending, self._last = on, None, None
         if on:
-            self._simulation.world.halt()
-            self.line.halt()
+            self._simulation.plant.halt()
+            self.channel.halt()
         elif released and self.rules.mode == "lockstep":
             self._hold()
 
     def _advance(self) -> None:
         command, self._pending = self._pending, None
-        delta = None if self._simulation.episode.over else self.line.act(command)
+        delta = None if self._simulation.episode.over else self.channel.act(command)
         if delta is None and self.rules.mode == "real_time":
             self._hold()
             return
-        outcome = self._simulation.step(delta or self._still)  # in lockstep a step waits for each command, lost or not
+        outcome = self._simulation.step(delta or self._zero)  # in lockstep a step waits for each command, lost or not
         self._tick(outcome.reward)
         if self._simulation.episode.over and self.rules.auto_reset:
             self.begin()
@@ -173,7 +174,7 @@ class Driver:
 
     def _tick(self, reward: float) -> None:
         self.stamp += self._simulation.task.description.period
-        self._give(self.line.see(tick_of(self._simulation, self.stamp, self.number, reward)))
+        self._on_tick(self.channel.see(tick_of(self._simulation, self.stamp, self.number, reward)))
 
     def _require_moving(self) -> None:
         if self.stopped:

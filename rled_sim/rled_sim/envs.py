@@ -7,14 +7,15 @@ import gymnasium
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from rled_msgs_py.errors import RledError
-from rled_msgs_py.limits import NO_LIMITS, Limits
 from rled_msgs_py.task import Reward
+from rled_msgs_py.task_limits import NO_LIMITS, Limits
 
 from rled_sim.action import action_array, refuse_options
+from rled_sim.bullet.client import has_display
+from rled_sim.bullet.world import Transition, World
 from rled_sim.robots import robot_named
 from rled_sim.simulation import Simulation
 from rled_sim.tasks import reach_task
-from rled_sim.world import Transition, World, has_display
 
 Floats = NDArray[np.float32]
 
@@ -79,17 +80,17 @@ class ReachEnv(gymnasium.Env[Floats, Floats]):
         )
         self.task = task.description
         self._period = self.task.period * 1e-9
-        world = World(chosen, transition, self._period, gui)
+        self._world = World(chosen, transition, self._period, gui)
         try:
-            self.simulation = Simulation(world, task, start_joints)
+            self.simulation = Simulation(self._world, task, start_joints)
         except BaseException:
-            world.close()
+            self._world.close()
             raise
         self._axes, self._relative = self.task.axes, self.task.observation == "displacement_and_joints"
         lower, upper = self.task.observation_bounds()
         self.observation_space = gymnasium.spaces.Box(lower.astype(np.float32), upper.astype(np.float32))
-        most = self.task.max_delta
-        self.action_space = gymnasium.spaces.Box(-most, most, (self.task.action_size,), np.float32)
+        largest = self.task.max_delta
+        self.action_space = gymnasium.spaces.Box(-largest, largest, (self.task.action_size,), np.float32)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Floats, dict[str, Any]]:
         """Begin an episode; a seed begins the random draws anew.
@@ -97,7 +98,7 @@ class ReachEnv(gymnasium.Env[Floats, Floats]):
         Raises:
             RledError: the environment is closed, or an option is asked for; there is none.
         """
-        self.simulation.world.require_open()
+        self._world.require_open()
         refuse_options(options)
         super().reset(seed=seed)
         self.simulation.reset(self.np_random)
@@ -110,7 +111,7 @@ class ReachEnv(gymnasium.Env[Floats, Floats]):
         Raises:
             RledError: the environment is closed or was not reset, or the action is not n finite numbers.
         """
-        self.simulation.world.require_open()
+        self._world.require_open()
         delta = action_array(action, self.task.action_size).tolist()
         reward, terminated, truncated = self.simulation.step(delta)
         if self.render_mode == "human":
@@ -121,17 +122,17 @@ class ReachEnv(gymnasium.Env[Floats, Floats]):
         """A picture, shape (480, 640, 3); nothing in the mode ``human``, whose window is always up to date."""
         if self.render_mode != "rgb_array":
             return None
-        self.simulation.world.require_open()
-        self.simulation.world.show_target(self.simulation.episode.target)
-        return self.simulation.world.picture()
+        self._world.require_open()
+        self._world.show_target(self.simulation.episode.target)
+        return self._world.picture()
 
     def close(self) -> None:
         """Close the world."""
-        self.simulation.world.close()
+        self._world.close()
 
     def _observation(self) -> Floats:
         # TaskDescription.observe with plain numbers: the same bits (a test), without numpy's cost per call.
-        world, target = self.simulation.world, self.simulation.episode.target
+        world, target = self._world, self.simulation.episode.target
         tip = world.position
         if self._relative:
             return np.array([target[axis] - tip[axis] for axis in self._axes] + world.q, np.float32)
@@ -144,13 +145,13 @@ class ReachEnv(gymnasium.Env[Floats, Floats]):
             "violations": episode.violations,
             "risky": episode.risky,
         }
-        if self.simulation.world.physical:
-            info["contacts"] = self.simulation.world.contacts()
+        if self._world.physical:
+            info["contacts"] = self._world.contacts()
         if self.simulation.refused is not None:
             info["refused"] = self.simulation.refused.name
         return info
 
     def _show(self) -> None:
         if self.render_mode == "human":
-            self.simulation.world.show_target(self.simulation.episode.target)
+            self._world.show_target(self.simulation.episode.target)
             time.sleep(self._period)

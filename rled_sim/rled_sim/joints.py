@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from rled_msgs_py.errors import RledError
 
-TURNING = ("revolute", "continuous")
-LARGEST = 1e6
+REVOLUTE = ("revolute", "continuous")
+MAX_VALUE = 1e6
 """Metres or radians that no robot has: what is computed of them stays finite."""
 
 
@@ -24,10 +24,10 @@ class Joint(NamedTuple):
         rotation: of the joint's frame in the parent's, shape (3, 3).
         translation: of the joint's frame in the parent's (m), shape (3,).
         axis: unit vector in the joint's frame, shape (3,).
-        lower: least angle (rad).
-        upper: greatest angle (rad).
-        velocity: greatest rate (rad/s).
-        effort: greatest torque (N m).
+        lower: smallest angle (rad).
+        upper: largest angle (rad).
+        velocity: largest rate (rad/s).
+        effort: largest torque (N m).
     """
 
     name: str
@@ -44,7 +44,7 @@ class Joint(NamedTuple):
 
 
 def joints_to(text: str, tip_link: str) -> list[Joint]:
-    """The joints on the way from the root to ``tip_link``, in that order.
+    """The joints of the path from the root to ``tip_link``, in that order.
 
     Raises:
         RledError: no XML, no such link, or a number that cannot be read.
@@ -107,8 +107,8 @@ def _attributes(element: ElementTree.Element, tag: str) -> dict[str, str]:
 
 def _numbers(text: str) -> NDArray[np.float64]:
     values = np.array([float(word) for word in text.split()])
-    if values.shape != (3,) or not (np.abs(values) < LARGEST).all():
-        raise ValueError(f"'{text}' is not three numbers below {LARGEST:g}")
+    if values.shape != (3,) or not (np.abs(values) < MAX_VALUE).all():
+        raise ValueError(f"'{text}' is not three numbers below {MAX_VALUE:g}")
     return values
 
 

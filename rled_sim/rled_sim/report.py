@@ -7,7 +7,7 @@ from rled_msgs_py.records import Health, Level
 
 from rled_sim.commands import Code, Refused
 from rled_sim.driver import Driver
-from rled_sim.world import Contact
+from rled_sim.plant import Contact
 
 
 class Report:

@@ -8,9 +8,9 @@ from pathlib import Path
 from pybullet_data import getDataPath
 from rled_msgs_py.errors import RledError
 
-from rled_sim.description import publishable
 from rled_sim.joints import Joint, joints_to
 from rled_sim.kinematics import Chain
+from rled_sim.published_urdf import publishable
 
 
 @dataclass(frozen=True)
@@ -72,12 +72,12 @@ class Robot:
 
     @property
     def lower(self) -> tuple[float, ...]:
-        """Least joint angles (rad), n."""
+        """Lower joint limits (rad), n."""
         return tuple(joint.lower for joint in self.joints)
 
     @property
     def upper(self) -> tuple[float, ...]:
-        """Greatest joint angles (rad), n."""
+        """Upper joint limits (rad), n."""
         return tuple(joint.upper for joint in self.joints)
 
 

@@ -6,16 +6,16 @@ from pathlib import Path
 from typing import Any
 
 from rled_msgs_py.errors import RledError
-from rled_msgs_py.limits import Limits, Zone
 from rled_msgs_py.params import param
+from rled_msgs_py.task_limits import Limits, Zone
 
+from rled_sim.bullet.world import World
 from rled_sim.driver import Rules
 from rled_sim.faults import Faults, hidden_names
 from rled_sim.robots import ROBOTS, Robot, robot_named
 from rled_sim.simulation import Simulation
 from rled_sim.starts import marked_joints
-from rled_sim.tasks import MOST_SPREAD, reach_task, require_task
-from rled_sim.world import World
+from rled_sim.tasks import MAX_TARGET_SPREAD, reach_task, require_task
 
 
 def _fixed(default: Any, description: str, **limits: Any) -> Any:
@@ -43,7 +43,7 @@ class _OwnParams:
         0.0,
         "how far beside the curve a target lies at most, along each axis of the task (m)",
         low=0.0,
-        high=MOST_SPREAD,
+        high=MAX_TARGET_SPREAD,
     )
     start_points: str = _fixed("", "bag whose marked points episodes start at; empty: the robot's home")
     joint_margin: float = _fixed(
@@ -54,7 +54,7 @@ class _OwnParams:
     )
     velocity_share: float = _fixed(0.0, "refuse joint rates above this share of the URDF's; 0: any", low=0.0, high=1.0)
     acceleration: float = _fixed(0.0, "refuse to speed a joint up by more (rad/s²); 0: by any", low=0.0, high=1e6)
-    workspace: str = _fixed("", "box that the end effector stays in: least x y z, greatest x y z (m); empty: any")
+    workspace: str = _fixed("", "box that the end effector stays in: lower x y z, upper x y z (m); empty: any")
     keep_out: str = _fixed(
         "", "zones that it stays out of: 'box X Y Z LX LY LZ; sphere X Y Z R; cylinder X Y Z R H', centre first (m)"
     )

@@ -1,4 +1,4 @@
-"""Robot, world and task together: the decision process that both the environments and the node step."""
+"""Robot and task together: the decision process that both the environments and the node step."""
 
 import math
 from collections.abc import Sequence
@@ -6,15 +6,16 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 from rled_msgs_py.errors import RledError
-from rled_msgs_py.limits import NO_LIMITS
 from rled_msgs_py.records import PoseSample
+from rled_msgs_py.task_limits import NO_LIMITS
 
 from rled_sim.commands import Refused
-from rled_sim.limits import Guard
+from rled_sim.episode_state import Episode, Outcome
+from rled_sim.motion_guard import Guard
+from rled_sim.plant import Plant
 from rled_sim.starts import start_points
 from rled_sim.target_request import requested_target
-from rled_sim.tasks import Episode, Outcome, ReachTask
-from rled_sim.world import World
+from rled_sim.tasks import ReachTask
 
 
 class Simulation:
@@ -23,25 +24,27 @@ class Simulation:
     The same generator state and the same displacements give the same numbers, bit for bit.
 
     Attributes:
-        world: where the robot is.
+        plant: the robot.
         task: what it is to do.
         episode: how far it has come.
         refused: why the last displacement was not carried out; None when it was.
     """
 
-    def __init__(self, world: World, task: ReachTask, start_joints: ArrayLike | None = None) -> None:
-        """Join a world and a task.
+    def __init__(self, plant: Plant, task: ReachTask, start_joints: ArrayLike | None = None) -> None:
+        """Join a robot and a task.
 
         Args:
-            world: the robot's world, which is closed with this.
+            plant: the robot; whoever made it closes it.
             task: the robot's task.
             start_joints: joint angles that episodes start at (rad), shape (k, n); the robot's home when None.
 
         Raises:
             RledError: start joints of another shape, or outside the joint limits.
         """
-        self.world, self.task = world, task
-        self._starts = [world.home] if start_joints is None else start_points(start_joints, task.description)
+        self.plant, self.task = plant, task
+        self._starts = (
+            [list(plant.robot.home)] if start_joints is None else start_points(start_joints, task.description)
+        )
         self._max_delta, self._size = task.description.max_delta, task.description.action_size
         self._guard = self._make_guard()
         self._rng: np.random.Generator | None = None
@@ -50,20 +53,20 @@ class Simulation:
 
     def _make_guard(self) -> Guard | None:
         task = self.task.description
-        return None if task.limits == NO_LIMITS else Guard(task, self.world.robot.chain, self.world.touches)
+        return None if task.limits == NO_LIMITS else Guard(task, self.plant.robot.chain, self.plant.touches)
 
     def reset(self, rng: np.random.Generator) -> None:
         """Begin an episode: draw the start, then the target; ``rng`` draws the next targets too."""
         self._rng = rng
-        self.world.place(self._starts[rng.integers(len(self._starts))])
+        self.plant.place(self._starts[rng.integers(len(self._starts))])
         self._rest()
-        self.episode = Episode(self.task, self.world.q, self.world.position, self.task.draw_target(rng))
+        self.episode = Episode(self.task, self.plant.q, self.plant.position, self.task.draw_target(rng))
 
     def step(self, delta: Sequence[float]) -> Outcome:
         """Displace the joints by Δq (rad), n, clipped to ±Δq_max, and count the transition.
 
         Where a limit forbids it, the robot stays, and the step counts all the same: whoever learns sees that the action
-        led nowhere, and nobody waits for a lawful one.
+        led nowhere, and nobody waits for one within the limits.
 
         Raises:
             RledError: another number of joints, a NaN or an infinity, or no episode has begun.
@@ -72,14 +75,14 @@ class Simulation:
             raise RledError("no episode has begun", "", "call reset first")
         if len(delta) != self._size or not math.isfinite(sum(delta)):
             raise RledError(f"displacement {list(delta)}", f"{self._size} finite numbers (rad)")
-        most = self._max_delta
-        moved = [-most if each < -most else most if each > most else each for each in delta]
+        largest = self._max_delta
+        moved = [-largest if each < -largest else largest if each > largest else each for each in delta]
         if self._guard is not None:
-            self.refused = self._guard.judge(self.world.set_point, self._previous, moved)
+            self.refused = self._guard.judge(self.plant.set_point, self._previous, moved)
             self._previous = moved if self.refused is None else [0.0] * self._size
             moved = self._previous
-        self.world.move(moved)
-        return self.episode.advance(self.world.q, self.world.position, self._rng)
+        self.plant.move(moved)
+        return self.episode.advance(self.plant.q, self.plant.position, self._rng)
 
     def retarget(self, request: PoseSample) -> None:
         """Move the target of this episode to where a person wants it.
@@ -91,7 +94,7 @@ class Simulation:
 
     def hold(self) -> None:
         """Let one period pass without a displacement; the task does not count it."""
-        self.world.move([0.0] * self._size)
+        self.plant.move([0.0] * self._size)
         self._rest()
 
     def _rest(self) -> None:

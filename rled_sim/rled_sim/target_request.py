@@ -6,8 +6,8 @@ from rled_msgs_py.records import PoseSample
 from rled_msgs_py.task import TaskDescription
 
 from rled_sim.commands import Code, Refused
-from rled_sim.limits import depth
-from rled_sim.tasks import Point
+from rled_sim.motion_guard import depth
+from rled_sim.plant import Point
 
 
 def requested_target(request: PoseSample, task: TaskDescription, present: Point) -> Point:

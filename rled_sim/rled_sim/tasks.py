@@ -1,6 +1,5 @@
-"""The reach tasks of sections 4.1.3 and 4.2.3: targets, rewards, risky states, the end of an episode."""
+"""The reach tasks of sections 4.1.3 and 4.2.3: targets, rewards, risky states."""
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -8,26 +7,45 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from rled_msgs_py.errors import ContractError
-from rled_msgs_py.limits import NO_LIMITS, Limits
 from rled_msgs_py.task import Reward, TaskDescription
+from rled_msgs_py.task_limits import NO_LIMITS, Limits
 
 from rled_sim.lemniscate import lemniscate
-from rled_sim.robots import Robot
+from rled_sim.plant import Point
+from rled_sim.robots import Robot, robot_named
 
-Point = tuple[float, float, float]
-Risk = Callable[[Sequence[float], Point], bool]
+Numbers = Any
+"""A number for one state, an array of them for many."""
+Columns = Sequence[Numbers]
+"""Joint angles (rad), n, or coordinates (m), 3: of one state, or of many."""
+Risk = Callable[[Columns, Columns], Any]
+"""Tells from joint angles and tip whether a state is risky: one answer, or an array of them."""
 
 FRAME = "world"
 PERIOD = 20_000_000
 """Simulation time between ticks (ns)."""
 FLOOR_CLEARANCE = 0.05
 """Panda: a tool lower than this above the floor (m) is a risky state."""
-KEEP_OUT, REACH = 0.40, 0.95
+MIN_RADIUS, MAX_RADIUS = 0.40, 0.95
 """Planar: a tip nearer to the base than the first or farther than the second (m) is a risky state."""
-MOST_SPREAD = 1.0
-"""Farther beside the curve (m) no target of these robots makes sense."""
-TURN = 2.0
+MAX_SHOULDER = 2.0
 """Planar: a shoulder turned further than this either way (rad) is a risky state."""
+MAX_TARGET_SPREAD = 1.0
+"""Farther beside the curve (m) no target of these robots makes sense."""
+
+
+class Judged(NamedTuple):
+    """What a task says of a state that a transition led to, or of many.
+
+    Attributes:
+        reward: of the transition.
+        reached: the target is reached.
+        risky: the state is risky.
+    """
+
+    reward: Any
+    reached: Any
+    risky: Any
 
 
 @dataclass(frozen=True)
@@ -47,105 +65,75 @@ class ReachTask:
         targets: points that targets are drawn from (m), shape (k, 3).
         risky: tells from joint angles and tip whether a state is risky.
         penalty: taken off the reward in a risky state (1).
-        spread: how far beside its point a target lies at most, along each axis of the task (m).
+        target_spread: how far beside its point a target lies at most, along each axis of the task (m).
     """
 
     description: TaskDescription
     targets: NDArray[np.float64]
     risky: Risk
     penalty: float
-    spread: float = 0.0
+    target_spread: float = 0.0
 
     def draw_target(self, rng: np.random.Generator) -> Point:
         """One of the targets, each as likely as the other, or a point anywhere around it."""
         point = self.targets[rng.integers(len(self.targets))].tolist()
-        if self.spread:
-            axes = self.description.axes
-            for axis, offset in zip(axes, rng.uniform(-self.spread, self.spread, len(axes)).tolist(), strict=True):
+        if self.target_spread:
+            axes, spread = self.description.axes, self.target_spread
+            for axis, offset in zip(axes, rng.uniform(-spread, spread, len(axes)).tolist(), strict=True):
                 point[axis] += offset
         x, y, z = point
         return x, y, z
 
-    def reward(self, squared_distance: float, reached: bool, risky: bool) -> float:
-        """Reward of a transition, from the state that it led to."""
-        reward = self.description.reward_reached if reached else 0.0
-        if self.description.reward == "dense":
-            reward -= squared_distance
-        return reward - self.penalty if risky else reward
+    def reward(self, squared_distance: Numbers, reached: Numbers, risky: Numbers) -> Any:
+        """Reward of a transition, or of many, from the states that they led to."""
+        dense = float(self.description.reward == "dense")
+        return reached * self.description.reward_reached - dense * squared_distance - risky * self.penalty
 
+    def judge_columns(self, q: Columns, position: Columns, target: Columns) -> Judged:
+        """Judge the state that a transition led to: plain numbers; or many such states: an array for each number.
 
-class Outcome(NamedTuple):
-    """What the task says of one transition."""
-
-    reward: float
-    terminated: bool
-    truncated: bool
-
-
-class Episode:
-    """The counters of one episode.
-
-    Attributes:
-        target: point to reach (m).
-        steps: transitions so far.
-        targets_reached: targets reached.
-        risky: the present state is risky.
-        violations: risky states so far, the first state included.
-        outcome: of the last transition.
-    """
-
-    def __init__(self, task: ReachTask, q: Sequence[float], position: Point, target: Point) -> None:
-        self._task = task
-        self.target = target
-        self.steps = self.targets_reached = 0
-        self.risky = task.risky(q, position)
-        self.violations = int(self.risky)
-        self.outcome = Outcome(0.0, False, False)
-
-    @property
-    def over(self) -> bool:
-        """No transition may follow."""
-        return self.outcome.terminated or self.outcome.truncated
-
-    def advance(self, q: Sequence[float], position: Point, rng: np.random.Generator) -> Outcome:
-        """Count a transition to joint angles ``q`` (rad) and tip ``position`` (m).
-
-        A reached target becomes the start, and a new one is drawn unless it was the last, which terminates the episode.
-        The step limit truncates it: the state that it ends in has a value, and so a target.
+        Args:
+            q: joint angles (rad), n.
+            position: end effector (m), 3.
+            target: of the transition (m), 3.
         """
-        task, limits = self._task, self._task.description
-        squared = squared_distance(position, self.target)
-        reached = squared < limits.tolerance
-        self.risky = task.risky(q, position)
-        self.steps += 1
-        self.violations += self.risky
-        self.targets_reached += reached
-        terminated = reached and self.targets_reached == limits.targets_per_episode
-        truncated = not terminated and self.steps == limits.max_steps
-        if reached and not terminated:
-            self.target = task.draw_target(rng)
-        self.outcome = Outcome(task.reward(squared, reached, self.risky), terminated, truncated)
-        return self.outcome
+        squared = squared_distance(position, target)
+        reached, risky = squared < self.description.tolerance, self.risky(q, position)
+        return Judged(self.reward(squared, reached, risky), reached, risky)
+
+    def judge(self, q: Any, position: Any, target: Any) -> Judged:
+        """Judge many states that transitions led to; numpy arrays or torch tensors.
+
+        Args:
+            q: joint angles (rad), shape (..., n).
+            position: end effector (m), shape (..., 3).
+            target: of the transition (m), shape (..., 3).
+
+        Returns:
+            Rewards, and whether a target is reached and the state is risky, each of shape (...).
+        """
+        return self.judge_columns(*([each[..., k] for k in range(each.shape[-1])] for each in (q, position, target)))
 
 
-def squared_distance(a: Point, b: Point) -> float:
-    """‖a - b‖² (m²)."""
+def squared_distance(a: Columns, b: Columns) -> Any:
+    """‖a - b‖² (m²), of two points or of two arrays of points."""
     x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
     return x * x + y * y + z * z
 
 
-def panda_risk(q: Sequence[float], position: Point) -> bool:
+def panda_risk(q: Columns, position: Columns) -> Any:
     """The tool is lower than ``FLOOR_CLEARANCE``."""
     return position[2] < FLOOR_CLEARANCE
 
 
-def planar_risk(q: Sequence[float], position: Point) -> bool:
+def planar_risk(q: Columns, position: Columns) -> Any:
     """The tip is in the keep-out disc or beyond the reach, or the shoulder is turned too far.
 
     The distance from the base depends on the elbow alone, and falls with it, so the safe states are a box in joint
     space: a straight line between two safe joint vectors is safe, and the demonstrator never violates.
     """
-    return not KEEP_OUT <= math.hypot(position[0], position[1]) <= REACH or abs(q[0]) > TURN
+    squared = position[0] * position[0] + position[1] * position[1]
+    return (squared < MIN_RADIUS**2) | (squared > MAX_RADIUS**2) | (abs(q[0]) > MAX_SHOULDER)
 
 
 def require_task(robot: str) -> None:
@@ -185,8 +173,8 @@ def reach_task(
         ContractError: a robot without a task, limits of another number of joints, or a spread that is no length.
     """
     require_task(robot.name)
-    if not 0.0 <= target_spread <= MOST_SPREAD:
-        raise ContractError(f"target_spread is {target_spread}", f"0 to {MOST_SPREAD:g} m")
+    if not 0.0 <= target_spread <= MAX_TARGET_SPREAD:
+        raise ContractError(f"target_spread is {target_spread}", f"0 to {MAX_TARGET_SPREAD:g} m")
     task = TASKS[robot.name](robot)
     options = {
         "reward": reward,
@@ -196,7 +184,25 @@ def reach_task(
         "limits": limits,
     }
     chosen: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
-    return replace(task, description=replace(task.description, **chosen), spread=target_spread)
+    return replace(task, description=replace(task.description, **chosen), target_spread=target_spread)
+
+
+def task_of_description(description: TaskDescription) -> ReachTask:
+    """The reach task that a description, of a bag or of a topic, was made of.
+
+    What a description does not hold is that of its robot's task: targets, risky states, penalty.
+
+    Raises:
+        ContractError: a robot without a task, or one with other joints.
+    """
+    require_task(description.robot)
+    task = TASKS[description.robot](robot_named(description.robot))
+    if description.joint_names != task.description.joint_names:
+        names = ", ".join(description.joint_names)
+        raise ContractError(
+            f"robot '{description.robot}' with the joints {names}", ", ".join(task.description.joint_names)
+        )
+    return replace(task, description=description)
 
 
 def _panda(robot: Robot) -> ReachTask:
@@ -251,26 +257,3 @@ def _describe(robot: Robot, **settings: Any) -> TaskDescription:
         period=PERIOD,
         **settings,
     )
-
-
-class Judged(NamedTuple):
-    reward: Any
-    reached: Any
-    risky: Any
-
-
-def _judge(self: ReachTask, q: Any, position: Any, target: Any) -> Judged:
-    squared = np.square(position - target).sum(axis=1)
-    reached = squared < self.description.tolerance
-    risky = np.array([self.risky(a, tuple(b)) for a, b in zip(q.tolist(), position.tolist(), strict=True)])
-    reward = np.where(reached, self.description.reward_reached, 0.0) - (squared if self.description.reward == "dense" else 0.0) - self.penalty * risky
-    return Judged(reward, reached, risky)
-
-
-ReachTask.judge = _judge  # type: ignore
-
-
-def task_of_description(description: TaskDescription) -> ReachTask:
-    from rled_sim.robots import robot_named
-
-    return replace(reach_task(robot_named(description.robot)), description=description)

@@ -16,10 +16,10 @@ def tick_of(simulation: Simulation, stamp: int, number: int, reward: float) -> T
         number: episodes begun before this one.
         reward: of the transition that led here; 0 when none did.
     """
-    world, episode, task = simulation.world, simulation.episode, simulation.task.description
+    plant, episode, task = simulation.plant, simulation.episode, simulation.task.description
     return Tick(
-        JointSample(stamp, task.joint_names, np.array(world.q), np.array(world.velocity)),
-        PoseSample(stamp, task.frame, np.array(world.position), np.array(world.orientation)),
+        JointSample(stamp, task.joint_names, np.array(plant.q), np.array(plant.velocity)),
+        PoseSample(stamp, task.frame, np.array(plant.position), np.array(plant.orientation)),
         PoseSample(stamp, task.frame, np.array(episode.target)),
         TaskStatus(
             stamp=stamp,

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
-from rled_msgs_py.node import fresh_context, spin_until, subscribe
 from rled_msgs_py.processes import Children, program
+from rled_msgs_py.ros.node import fresh_context, spin_until, subscribe
 from rled_msgs_py.topics import JOINT_DELTA, TASK_STATUS, Qos
 from std_srvs.srv import SetBool
 

@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rled_msgs_py.convert import to_msg
 from rled_msgs_py.messages import encode
-from rled_msgs_py.node import advertise, fresh_context, spin_until
 from rled_msgs_py.processes import Children, program
 from rled_msgs_py.records import Text
+from rled_msgs_py.ros.convert import to_msg
+from rled_msgs_py.ros.node import advertise, fresh_context, spin_until
 from rled_msgs_py.tick import STATE_TOPICS, Tick
 from rled_msgs_py.topics import JOINT_DELTA, ROBOT_DESCRIPTION, TASK_DESCRIPTION
 from rled_sim.robots import ROBOTS
@@ -60,7 +60,7 @@ class Prober:
         self._latched = [advertise(self._node, topic) for topic in texts]
         for output, text in zip(self._latched, texts.values(), strict=True):
             output.publish(to_msg(Text(text)))
-        simulation.world.close()
+        simulation.plant.close()
 
     def _on_answer(self, message: JointState) -> None:
         self._answer = message.header.stamp.sec

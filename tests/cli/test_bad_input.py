@@ -18,9 +18,8 @@ from rled_msgs_py.errors import RledError
 from rled_msgs_py.messages import decode, encode
 from rled_msgs_py.records import JointSample
 from rled_msgs_py.topics import EE_POSE, JOINT_STATES
+from rled_teleop.cli import demos
 from rosbags.rosbag2 import StoragePlugin
-
-from rled_teleop import demos
 
 from ..rled_msgs_py.samples import recording
 from ..rled_msgs_py.test_bag_peers import write_with_rosbags

@@ -11,15 +11,15 @@ import yaml
 from rled_agent.nodes.agent_node import AgentParams
 from rled_msgs_py.bags import BagError, BagWriter
 from rled_msgs_py.params import build, parameters_of
+from rled_sim.nodes.sim_node import SimParams
 from rled_sim.robots import ROBOTS
-from rled_sim.sim_node import SimParams
-from rled_teleop.record_params import RecordParams
-from rled_teleop.replay_demos import ReplayParams
-from rled_teleop.teleop_gamepad import GamepadParams
-from rled_teleop.teleop_keyboard import KeyboardParams
-from rled_teleop.teleop_kinesthetic import KinestheticParams
-from rled_teleop.teleop_scripted import ScriptedParams
-from rled_teleop.web_params import WebParams
+from rled_teleop.nodes.replay_demos import ReplayParams
+from rled_teleop.nodes.teleop_gamepad import GamepadParams
+from rled_teleop.nodes.teleop_keyboard import KeyboardParams
+from rled_teleop.nodes.teleop_kinesthetic import KinestheticParams
+from rled_teleop.nodes.teleop_scripted import ScriptedParams
+from rled_teleop.recording.params import RecordParams
+from rled_teleop.web.params import WebParams
 
 BRINGUP = Path(__file__).parents[2] / "ros_ws" / "src" / "rled_bringup"
 LAUNCH_FILES = sorted(BRINGUP.glob("launch/*.launch.py"))

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rled_msgs_py.node import fresh_context, spin_until, subscribe
+from rled_msgs_py.ros.node import fresh_context, spin_until, subscribe
 from rled_msgs_py.topics import JOINT_STATES
 from rled_sim.robots import ROBOTS
 

@@ -22,9 +22,8 @@ from rled_msgs_py.bags import Bag, BagError, BagWriter, repair, review
 from rled_msgs_py.processes import program
 from rled_msgs_py.records import Text
 from rled_msgs_py.topics import JOINT_STATES, ROBOT_DESCRIPTION, TASK_DESCRIPTION
-from rled_teleop.demos_plot import draw_joints, draw_paths
-
-from rled_teleop import demos
+from rled_teleop.cli import demos
+from rled_teleop.cli.plot import draw_joints, draw_paths
 
 from ..rled_msgs_py.samples import ENTRIES, TASK, descriptions, tick, write_bag
 
@@ -200,7 +199,7 @@ def test_a_plot_explains_all_that_it_shows_beside_it(tmp_path, monkeypatch, epis
         yield drawn[-1]
         figure.savefig(tmp_path / path)
 
-    monkeypatch.setattr("rled_teleop.demos_plot.picture", picture)
+    monkeypatch.setattr("rled_teleop.cli.plot.picture", picture)
     bag = Bag(BAGS / "planar_lemniscate")
     found, task = review(bag), bag.task
     found = found._replace(episodes=found.episodes[:episodes], qualities=found.qualities[:episodes])

@@ -9,8 +9,7 @@ import pytest
 from rled_agent.data.opening import open_demonstrations
 from rled_msgs_py.bags import Bag, BagWriter, review
 from rled_msgs_py.records import DeltaCommand, JointSample
-
-from rled_teleop import demos
+from rled_teleop.cli import demos
 
 from ..rled_msgs_py.samples import NAMES, PERIOD, descriptions, tick
 from ..rled_msgs_py.test_bag_quality import event
@@ -107,7 +106,7 @@ def test_all_but_the_faulty_moments_is_learned_from_and_one_line_says_so(spoiled
     assert line.startswith("left out: ")
     assert any(fault.what in line and fault.topics[0] in line for fault in review(Bag(path)).faults)
     assert f"{review(Bag(path)).seconds(review(Bag(path)).faults[0].first):.2f} s" in line
-    is_parted = len(review(Bag(path)).line.moments) < TICKS and min(gone) < max(ticks)
+    is_parted = len(review(Bag(path)).timeline.moments) < TICKS and min(gone) < max(ticks)
     assert len(np.unique(learned.trajectory)) >= 1 + is_parted
 
 

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 import yaml
 from mcap.reader import make_reader
-from rled_msgs_py.convert import MESSAGE_CLASSES, qos_profile, to_msg
 from rled_msgs_py.records import Actor, GateCode, GateDecision, Level, TaskStatus
+from rled_msgs_py.ros.convert import MESSAGE_CLASSES, qos_profile, to_msg
 from rled_sim.robots import ROBOTS
 
 from rled_msgs_py import topics

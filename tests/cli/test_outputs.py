@@ -31,7 +31,7 @@ COMMANDS = {
     "rled_agent.cli.demo": ["--output", "OUT"],
     "rled_agent.experiments.reproduce": ["--runs", "OUT"],
     "rled_agent.nodes.watch_episodes": ["--output", "OUT"],
-    "rled_teleop.demos": ["plot", "BAG", "--output", "OUT"],
+    "rled_teleop.cli.demos": ["plot", "BAG", "--output", "OUT"],
 }
 
 

@@ -15,7 +15,7 @@ from .test_bad_input import CHANGES, PLANAR, changed, restarted
 
 ROOT = Path(__file__).parents[2]
 BIN = Path(sys.executable).parent
-PATIENCE = 120.0
+WAIT_TIMEOUT = 120.0
 ROW = re.compile(r"\| (.+?) \| `(.+?)` \| (.+?) \|")
 COMMAND = re.compile(r"(?:with|see): ((?:demos|python -m rled_\w+\.\w+|rosbags-convert) .*)|see (\w+ --help)")
 REST = re.compile(r" \(or .*|, or .*|\)$")
@@ -33,7 +33,7 @@ class Shell:
         environment = {name: value for name, value in (os.environ | self.variables).items() if value is not None}
         words = ["bash", "-c", line]
         done = subprocess.run(
-            words, cwd=self.folder, env=environment, capture_output=True, text=True, timeout=PATIENCE, check=False
+            words, cwd=self.folder, env=environment, capture_output=True, text=True, timeout=WAIT_TIMEOUT, check=False
         )
         return done.returncode, done.stdout + done.stderr
 

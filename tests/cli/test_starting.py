@@ -11,8 +11,8 @@ from rled_msgs_py.processes import program
 
 PATIENCE = 60.0
 COMMANDS = {
-    "rled_sim.sim_node": "gymnasium",
-    "rled_teleop.record_demos": "rclpy",
+    "rled_sim.nodes.sim_node": "gymnasium",
+    "rled_teleop.nodes.record_demos": "rclpy",
     "rled_agent.nodes.agent_node": "torch",
 }
 """Commands, and the import in each that takes longest."""
@@ -138,3 +138,10 @@ def test_the_end_of_the_terminal_is_nothing_behind_nohup() -> None:
     code = f"{look}\nwith s() as stop: signal.raise_signal(signal.SIGHUP); print(stop.is_set())"
     assert shell("", "nohup", sys.executable, "-c", code).stdout == b"False\n"
     assert shell("", sys.executable, "-c", code).stdout == b"True\n"
+
+
+def test_a_command_that_is_not_installed_is_run_as_its_module(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "executable", "/nowhere/python")
+    monkeypatch.setenv("AMENT_PREFIX_PATH", "")
+    assert program("rled_sim", "sim_node") == ["/nowhere/python", "-m", "rled_sim.nodes.sim_node"]
+    assert program("rled_sim", "robot_description")[-1] == "rled_sim.robot_description"

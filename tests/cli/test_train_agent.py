@@ -30,7 +30,7 @@ from rled_msgs_py.bags import Bag, BagWriter
 from rled_msgs_py.processes import Children, program
 from rled_msgs_py.topics import RECORDED
 
-PATIENCE = 120.0
+WAIT_TIMEOUT = 120.0
 ENDLESS = 10**9
 SCHEDULE = {"train-after": 100, "train-every": 50, "gradient-steps": 10, "batch-size": 20, "log-every": 50}
 SCHEDULE |= {"checkpoint-every": 100, "evaluate-every": 300, "evaluation-episodes": 2, "capacity": 500}
@@ -92,7 +92,7 @@ def started(options: list[str], output: Path, steps: int) -> Iterator["subproces
 
 def await_step(process: "subprocess.Popen[str]", output: Path, step: int) -> None:
     """Wait until the checkpoint of a step, or a later one, has been written."""
-    checkpoint, deadline = output / "checkpoint.safetensors", time.monotonic() + PATIENCE
+    checkpoint, deadline = output / "checkpoint.safetensors", time.monotonic() + WAIT_TIMEOUT
     while not (checkpoint.exists() and read_checkpoint(checkpoint).state["run.step"] >= step):
         assert process.poll() is None, process.communicate()[0]
         assert time.monotonic() < deadline
@@ -178,7 +178,7 @@ def test_a_signal_ends_a_run_with_a_checkpoint_that_continues(train, tmp_path, n
     with started(PENDULUM, output, ENDLESS) as process:
         await_step(process, output, 100)
         process.send_signal(number)
-        said, _ = process.communicate(timeout=PATIENCE)
+        said, _ = process.communicate(timeout=WAIT_TIMEOUT)
     assert process.returncode == 0
     reached = read_checkpoint(output / "checkpoint.safetensors").state["run.step"]
     assert f"{reached:,} of {ENDLESS:,} steps; the run is in {output}" in said
@@ -526,7 +526,7 @@ def test_a_full_disk_is_one_line_and_the_last_good_checkpoint_continues(train, t
     def limit() -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
 
-    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, preexec_fn=limit)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=WAIT_TIMEOUT, preexec_fn=limit)
     assert done.returncode == 2, done.stderr
     lines = [line for line in done.stderr.splitlines() if not line.startswith("step ")]
     assert len(lines) == 1, done.stderr

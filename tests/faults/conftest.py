@@ -13,9 +13,9 @@ def row(request: pytest.FixtureRequest) -> Iterator[Callable[[str, str, float, l
     name = request.module.__name__.rpartition(".")[2]
     rows: list[Row] = []
 
-    def take(fault: str, decision: str, milliseconds: float, unlawful: list[str]) -> None:
-        assert unlawful == []
-        rows.append(Row(fault, name.removeprefix("test_table_"), decision, milliseconds, not unlawful))
+    def take(fault: str, decision: str, milliseconds: float, outside_limits: list[str]) -> None:
+        assert outside_limits == []
+        rows.append(Row(fault, name.removeprefix("test_table_"), decision, milliseconds, not outside_limits))
         if not WRITES:
             assert rows[-1].text() in DOCUMENT.read_text(), "docs/faults.md says otherwise: make faults"
 

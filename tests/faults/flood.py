@@ -10,8 +10,8 @@ from itertools import count
 import rclpy
 from rclpy.node import Node
 from rclpy.serialization import serialize_message
-from rled_msgs_py.convert import MESSAGE_CLASSES, qos_profile
-from rled_msgs_py.life import offer_life
+from rled_msgs_py.ros.convert import MESSAGE_CLASSES, qos_profile
+from rled_msgs_py.ros.liveliness import offer_liveliness
 from rled_msgs_py.topics import DIAGNOSTICS, JOINT_STATE, MARKERS, RECORDED, ROBOT_DESCRIPTION, TASK_DESCRIPTION, Qos
 from rled_msgs_py.topics import Topic as T
 
@@ -42,7 +42,7 @@ def main() -> None:
     for topic in TOPICS:
         kind = MESSAGE_CLASSES[topic.type]
         if topic in (ROBOT_DESCRIPTION, TASK_DESCRIPTION):
-            outputs.append((kind, offer_life(node, topic)))
+            outputs.append((kind, offer_liveliness(node, topic)))
         else:
             outputs.append((kind, node.create_publisher(kind, topic.name, qos_profile(topic.qos))))
     until += time.monotonic()

@@ -49,7 +49,7 @@ def hostile(message: type) -> st.SearchStrategy[Any]:
 
 
 def near_miss(message: Any) -> st.SearchStrategy[Any]:
-    """A message like a lawful one, but for one field, or a part of it."""
+    """A message like a valid one, but for one field, or a part of it."""
     fields = type(message).get_fields_and_field_types()
 
     def changed(name: str) -> st.SearchStrategy[Any]:
@@ -62,7 +62,7 @@ def near_miss(message: Any) -> st.SearchStrategy[Any]:
 
 
 def near_text(text: str) -> st.SearchStrategy[str]:
-    """A text like a lawful one: JSON with one value changed, or a URDF with one attribute changed."""
+    """A text like a valid one: JSON with one value changed, or a URDF with one attribute changed."""
     if text.startswith("{"):
         return _near_object(json.loads(text)).map(json.dumps)
     places = [found.span() for found in QUOTED.finditer(text)]
@@ -84,7 +84,7 @@ def garbage(message: Any) -> st.SearchStrategy[bytes]:
 
 
 def attacks(message: Any) -> st.SearchStrategy[Any]:
-    """All of these, for one lawful message of its class."""
+    """All of these, for one valid message of its class."""
     text = getattr(message, "data", None)
     texts = [near_text(text).map(lambda other: type(message)(data=other))] if isinstance(text, str) else []
     return st.one_of(hostile(type(message)), near_miss(message), garbage(message), *texts)

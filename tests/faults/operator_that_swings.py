@@ -3,9 +3,9 @@
 import numpy as np
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rled_msgs_py.convert import to_msg
-from rled_msgs_py.node import advertise, fresh_context, subscribe_ticks
 from rled_msgs_py.records import DeltaCommand
+from rled_msgs_py.ros.convert import to_msg
+from rled_msgs_py.ros.node import advertise, fresh_context, subscribe_ticks
 from rled_msgs_py.tick import Tick
 from rled_msgs_py.topics import JOINT_DELTA
 

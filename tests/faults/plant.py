@@ -13,13 +13,13 @@ from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rled_msgs_py.convert import MESSAGE_CLASSES, qos_profile, to_msg
-from rled_msgs_py.episode_begin import read_begin
 from rled_msgs_py.errors import ContractError
 from rled_msgs_py.messages import decode
-from rled_msgs_py.node import advertise, fresh_context, spin_until, subscribe
 from rled_msgs_py.processes import Child, Children, program
 from rled_msgs_py.records import DeltaCommand, Health, Text
+from rled_msgs_py.reset_answer import ResetAnswer
+from rled_msgs_py.ros.convert import MESSAGE_CLASSES, qos_profile, to_msg
+from rled_msgs_py.ros.node import advertise, fresh_context, spin_until, subscribe
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import STATE_TOPICS, Tick, TickAssembler
 from rled_msgs_py.topics import DIAGNOSTICS, JOINT_DELTA, TASK_DESCRIPTION, Qos, Topic
@@ -27,7 +27,7 @@ from rled_sim.commands import Code
 from rled_sim.robots import ROBOTS
 from std_srvs.srv import Trigger
 
-PATIENCE = 60.0
+WAIT_TIMEOUT = 60.0
 DEEP = 100_000
 """Samples that the watcher's readers keep: it may be slower than the graph."""
 
@@ -175,11 +175,11 @@ class Plant:
         self.health.append(health)
         self._reported = time.monotonic()
 
-    def wait(self, done: Callable[[], bool], what: str, seconds: float = PATIENCE) -> None:
+    def wait(self, done: Callable[[], bool], what: str, seconds: float = WAIT_TIMEOUT) -> None:
         spin_until(self.executor, done, seconds, what)
 
     def command(self, delta: Sequence[float], stamp: int | None = None) -> Any:
-        """A lawful message that answers the newest tick."""
+        """A valid message that answers the newest tick."""
         stamp = self.tick.stamp if stamp is None else stamp
         return to_msg(DeltaCommand(stamp, self.task.joint_names, np.array(delta, dtype=np.float64)))
 
@@ -204,7 +204,7 @@ class Plant:
 
     def reset(self) -> None:
         """Begin an episode and wait for its first tick."""
-        begins = read_begin(self.call(Trigger, "reset").message)
+        begins = ResetAnswer.from_json(self.call(Trigger, "reset").message).stamp
         self.wait(lambda: self.tick.stamp >= begins, "the new episode")
 
     def set(self, **values: Any) -> str:
@@ -216,7 +216,7 @@ class Plant:
         began = time.monotonic()
         act()
         while not decided():
-            assert time.monotonic() < began + PATIENCE, f"waited {PATIENCE} s for {what}"
+            assert time.monotonic() < began + WAIT_TIMEOUT, f"waited {WAIT_TIMEOUT} s for {what}"
             self.executor.spin_once(timeout_sec=0.05)
         return 1e3 * (time.monotonic() - began)
 
@@ -239,7 +239,7 @@ class Plant:
         before = int(self.health[-1].values[counter])
         return lambda: any(int(each.values.get(counter, 0)) > before for each in self.health[begun:])
 
-    def unlawful(self, since: int = 0) -> list[str]:
+    def outside_limits(self, since: int = 0) -> list[str]:
         """Motions beyond Δq_max and joints beyond their limits, from a tick on; a new episode may begin elsewhere.
 
         Motors follow their set point as fast as the URDF lets them, so they may make up for a lag.

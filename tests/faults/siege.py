@@ -16,23 +16,23 @@ from rclpy.node import NodeNameNonExistentError
 from rclpy.publisher import Publisher
 from rclpy.serialization import serialize_message
 from rled_msgs_py.bags.writer import absolute
-from rled_msgs_py.convert import qos_profile, to_msg
 from rled_msgs_py.errors import ContractError, RledError
-from rled_msgs_py.life import offer_life
 from rled_msgs_py.messages import NANOSECONDS, decode
 from rled_msgs_py.records import Text
+from rled_msgs_py.ros.convert import qos_profile, to_msg
+from rled_msgs_py.ros.liveliness import offer_liveliness
 from rled_msgs_py.tick import STATE_TOPICS
 from rled_msgs_py.topics import JOINT_DELTA, ROBOT_DESCRIPTION, TASK_DESCRIPTION, Topic
 from rled_sim.commands import Refused, displacement
 
 from .hostile import attacks
-from .lawful import CLASSES, LAWFUL, PLANAR, STAMP
 from .plant import DEEP, Peer, Plant
+from .valid_messages import CLASSES, PLANAR, STAMP, VALID
 
 COUNT = int(os.environ.get("RLED_HOSTILE", "25"))
 GROWTH = 2.0
 """Memory that may come on top between the first fifth of the messages and the last (MB): allocators breathe."""
-SOON = 10.0
+DISCOVERY_TIMEOUT = 10.0
 """Seconds that the graph is given to know a node."""
 PLACE = slice(4, 12)
 """Where a stamp lies in a serialized message."""
@@ -56,14 +56,14 @@ def volleys(topics: Iterable[Topic]) -> dict[str, st.SearchStrategy[tuple[int, V
     listened = list(topics)
     found = {topic.name: _attacks_on(topic).map(lambda each: [each]) for topic in listened}
     if set(STATE_TOPICS) <= set(listened):
-        tick: Volley = [(topic, LAWFUL[topic]) for topic in STATE_TOPICS]
+        tick: Volley = [(topic, VALID[topic]) for topic in STATE_TOPICS]
         changed = st.sampled_from(STATE_TOPICS).flatmap(_attacks_on)
         found["whole ticks"] = changed.map(lambda other: [*(each for each in tick if each[0] != other[0]), other])
     return {name: st.tuples(later, volley) for name, volley in found.items()}
 
 
 def _attacks_on(topic: Topic) -> st.SearchStrategy[tuple[Topic, Any]]:
-    return attacks(LAWFUL[topic]).map(lambda message: (topic, message))
+    return attacks(VALID[topic]).map(lambda message: (topic, message))
 
 
 def besiege(peer: Peer, strategy: st.SearchStrategy[Any], send: Callable[[Any], object]) -> int:
@@ -80,8 +80,8 @@ def besiege(peer: Peer, strategy: st.SearchStrategy[Any], send: Callable[[Any], 
 
     while sent[0] < COUNT:  # where there are but few different ones, again
         attack()
-    assert peer.plant.unlawful(since) == []
-    assert witness.unlawful() == []
+    assert peer.plant.outside_limits(since) == []
+    assert witness.outside_limits() == []
     assert memory[-1] - memory[len(memory) // 5] < GROWTH
     witness.leave()
     return sent[0]
@@ -125,7 +125,7 @@ class Rogue:
         if topic not in self._outputs:
             node = self._plant.node
             if topic in (ROBOT_DESCRIPTION, TASK_DESCRIPTION):  # which some listen to for signs of life only
-                output = offer_life(node, topic)
+                output = offer_liveliness(node, topic)
             else:
                 output = node.create_publisher(CLASSES[topic.type], topic.name, qos_profile(topic.qos))
             self._outputs[topic] = output
@@ -156,7 +156,7 @@ class Witness:
         """How many there were."""
         return len(self._heard)
 
-    def unlawful(self) -> list[str]:
+    def outside_limits(self) -> list[str]:
         """Commands that cannot be read, of other joints, or beyond Δq_max."""
         found = []
         for data in self._heard:
@@ -182,7 +182,7 @@ def require_all(peer: Peer, topics: Iterable[Topic], services: Iterable[str]) ->
     """See that a node has no topic and no service that nobody attacks."""
     wanted = {absolute(topic.name) for topic in topics}, set(services)
     with suppress(RledError):
-        peer.plant.wait(lambda: _names_of(peer) == wanted, "the graph to know it", SOON)
+        peer.plant.wait(lambda: _names_of(peer) == wanted, "the graph to know it", DISCOVERY_TIMEOUT)
     assert _names_of(peer) == wanted
 
 

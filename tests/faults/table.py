@@ -20,9 +20,9 @@ HEAD = """# Faults, and what becomes of them
 
 Made by `make faults` from what the tests in `tests/faults` measured, with real processes over DDS on one machine. The
 time runs from the fault to what somebody else in the graph sees of the decision: a tick, a report, an answer, silence.
-*Lawful* says that from then on no joint left its limits and none moved by more than Δq_max in a period.
+*Within limits* says that from then on no joint left its limits and none moved by more than Δq_max in a period.
 
-| fault | who decides | decision | ms | lawful |
+| fault | who decides | decision | ms | within limits |
 |---|---|---|---|---|
 """
 
@@ -35,14 +35,14 @@ class Row(NamedTuple):
         who: the part that decided.
         decision: what it decided.
         milliseconds: until it was seen.
-        lawful: joints and displacements stayed within their limits.
+        within_limits: joints and displacements stayed within their limits.
     """
 
     fault: str
     who: str
     decision: str
     milliseconds: float
-    lawful: bool
+    within_limits: bool
 
     def text(self) -> str:
         """The line without its time."""
@@ -51,7 +51,7 @@ class Row(NamedTuple):
     def line(self) -> str:
         """All of it."""
         time = f"{self.milliseconds:.1f}" if self.milliseconds < 10.0 else f"{self.milliseconds:.0f}"
-        return f"{self.text()} {time} | {'yes' if self.lawful else 'no'} |\n"
+        return f"{self.text()} {time} | {'yes' if self.within_limits else 'no'} |\n"
 
 
 def keep(name: str, rows: list[Row]) -> None:

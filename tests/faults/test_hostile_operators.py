@@ -20,11 +20,11 @@ from rled_msgs_py.topics import (
     TASK_DESCRIPTION,
     Topic,
 )
-from rled_teleop.teleop_gamepad import GamepadParams
-from rled_teleop.teleop_keyboard import KeyboardParams
-from rled_teleop.teleop_kinesthetic import KinestheticParams
-from rled_teleop.teleop_scripted import ScriptedParams
-from rled_teleop.web_params import WebParams
+from rled_teleop.nodes.teleop_gamepad import GamepadParams
+from rled_teleop.nodes.teleop_keyboard import KeyboardParams
+from rled_teleop.nodes.teleop_kinesthetic import KinestheticParams
+from rled_teleop.nodes.teleop_scripted import ScriptedParams
+from rled_teleop.web.params import WebParams
 from sensor_msgs.msg import JointState, Joy
 
 from ..graph.programs import ENDLESS
@@ -32,9 +32,9 @@ from ..graph.terminal import Terminal
 from ..web.conftest import free_port
 from .hostile import TEXTS
 from .hostile_requests import adjustable, requests_of
-from .lawful import DEVICE, JOINTS, JOY, Q
 from .plant import Peer, Plant
 from .siege import Rogue, Witness, besiege, moves, require_all, volleys
+from .valid_messages import DEVICE, JOINTS, JOY, Q
 
 DRIVING = (*STATE_TOPICS, TASK_DESCRIPTION, ROBOT_DESCRIPTION)
 WATCHING = (*DRIVING, JOINT_DELTA, SAFETY_GATE, DIAGNOSTICS, EPISODE_EVENTS, MARKERS)

@@ -18,8 +18,8 @@ from rled_msgs_py.topics import (
     RECORDED,
     SAFETY_GATE,
 )
-from rled_teleop.readable import Readable
-from rled_teleop.record_params import RecordParams
+from rled_teleop.recording.message_filter import MessageFilter
+from rled_teleop.recording.params import RecordParams
 from std_srvs.srv import SetBool, Trigger
 
 from .hostile_requests import requests_of
@@ -90,9 +90,9 @@ def test_the_bag_is_whole(recorder: Peer, bag: Path) -> None:
     assert recorder.child.exit_code in (0, 2), said
     whole = Bag(bag)
     assert len(list(whole.messages())) == whole.message_count
-    readable = Readable(str)
+    readable = MessageFilter(str)
     known = {topic.name: topic for topic in TOPICS}
     kept = [(known[name], each.data) for each in whole.messages() if (name := whole.name_of(each)) in known]
-    assert all(readable.holds(topic, data) for topic, data in kept)
+    assert all(readable.accepts(topic, data) for topic, data in kept)
     for topic in (SAFETY_GATE, MARKED_JOINT_STATES, MARKED_EE_POSE):  # nobody else speaks there; a part is garbage
         assert whole.counts[topic.name] > 0.4 * COUNT

@@ -1,4 +1,4 @@
-"""Hostile messages and requests for sim_node: it must not crash, not move unlawfully, not grow."""
+"""Hostile messages and requests for sim_node: it must not crash, not move outside the limits, not grow."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -11,9 +11,9 @@ from std_srvs.srv import SetBool, Trigger
 
 from .hostile import DOUBLES, attacks
 from .hostile_requests import adjustable, requests_of
-from .lawful import LAWFUL
 from .plant import Plant
 from .siege import COUNT, Rogue, besiege, require_all, volleys
+from .valid_messages import VALID
 
 LIMITS = ["--joint-margin", "0.1", "--velocity-share", "0.9", "--keep-out", "sphere 0 0 0.1 0.2"]
 MODES = {"lockstep": [], "limits": LIMITS, "real_time": ["--mode", "real_time", "--transition", "motors"]}
@@ -23,11 +23,11 @@ REQUESTS = requests_of(SimParams, {"pause": SetBool, "estop": SetBool, "reset": 
 
 
 def displaced(delta: tuple[float, float]) -> Any:
-    lawful = LAWFUL[JOINT_DELTA]
-    return type(lawful)(header=lawful.header, name=lawful.name, position=list(delta))
+    valid = VALID[JOINT_DELTA]
+    return type(valid)(header=valid.header, name=valid.name, position=list(delta))
 
 
-DELTAS = st.one_of(attacks(LAWFUL[JOINT_DELTA]), st.tuples(NEAR, NEAR).map(displaced))
+DELTAS = st.one_of(attacks(VALID[JOINT_DELTA]), st.tuples(NEAR, NEAR).map(displaced))
 
 
 @pytest.fixture(scope="module", params=MODES)
@@ -46,7 +46,7 @@ def heard(plant: Plant) -> int:
 
 
 def restore(plant: Plant) -> None:
-    """Whatever was stopped and set, a lawful command moves the robot again."""
+    """Whatever was stopped and set, a valid command moves the robot again."""
     own = {name: value for name, value in adjustable(SimParams).items() if name != "seed"}
     assert plant.set(**own | {"command_timeout": 10.0}) == ""
     for name in ("estop", "pause"):
@@ -54,7 +54,7 @@ def restore(plant: Plant) -> None:
     plant.reset()
     step = plant.tick.status.step
     plant.output.publish(plant.command((0.01, 0.01)))
-    plant.wait(lambda: plant.tick.status.step > step, "an answer to a lawful command")
+    plant.wait(lambda: plant.tick.status.step > step, "an answer to a valid command")
     assert not [each.message for each in plant.health if "simulations in this graph" in each.message]
 
 

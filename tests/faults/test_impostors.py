@@ -13,8 +13,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rled_agent.nodes.restart import Restart
 from rled_msgs_py.errors import RledError
-from rled_msgs_py.node import fresh_context, spin_until
 from rled_msgs_py.processes import Child, Children, program
+from rled_msgs_py.ros.node import fresh_context, spin_until
 
 from ..graph.conftest import Observer
 from ..web.conftest import await_that, free_port, is_open, take_the_wheel
@@ -22,7 +22,7 @@ from ..web.socket_visitor import SocketVisitor
 from .impostor import SERVICES, answers_of
 
 IMPOSTOR = [sys.executable, str(Path(__file__).with_name("impostor.py"))]
-PATIENCE = 60.0
+WAIT_TIMEOUT = 60.0
 ENDLESS = ("--robot", "planar", "--mode", "real_time", "--targets-per-episode", "0", "--max-steps", "0")
 SWITCHES = {"sim": ("Pause", "Run", "New episode", "Release stop")}
 ASKED = ("Begin episode", "End episode", "Keep", "Discard", "Mark pose", "Learn", "Stop learning", "Save checkpoint")
@@ -61,7 +61,7 @@ def test_the_page_lives_among_impostors_and_drives() -> None:
                 time.sleep(0.1)  # as a person
                 return heard >= {f"all of {name}" for name in ("list_parameters", "get_parameters", "reset", "record")}
 
-            await_that(all_said, "all answers", 2 * PATIENCE)
+            await_that(all_said, "all answers", 2 * WAIT_TIMEOUT)
             with closing(Observer()) as observer:
                 before = observer.wait_ticks(1)[-1].ee.position[1]
                 visitor.press("Simulation", "Release stop")
@@ -97,7 +97,7 @@ def test_a_restart_is_an_error_whatever_the_simulation_answers(ros_domain: int) 
 def test_watching_a_simulation_that_lies_ends_with_one_line(ros_domain: int) -> None:
     with impostors("sim"):
         command = [*program("rled_agent", "watch_episodes"), "--seed", "1"]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
+        done = subprocess.run(command, capture_output=True, text=True, timeout=WAIT_TIMEOUT, check=False)
     assert done.returncode == 2
     assert "Traceback" not in done.stderr
     assert done.stderr.splitlines()[-1].startswith("error: 0 answers of ")

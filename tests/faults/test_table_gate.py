@@ -10,16 +10,16 @@ from typing import Any
 import numpy as np
 import pytest
 from rclpy.duration import Duration
-from rled_msgs_py.convert import to_msg
-from rled_msgs_py.node import advertise, subscribe
 from rled_msgs_py.processes import Child, program
 from rled_msgs_py.records import Actor, DeltaCommand, GateCode, GateDecision, Text
+from rled_msgs_py.ros.convert import to_msg
+from rled_msgs_py.ros.node import advertise, subscribe
 from rled_msgs_py.tick import STATE_TOPICS
 from rled_msgs_py.topics import HUMAN_JOINT_DELTA, ROBOT_DESCRIPTION, SAFETY_GATE, TASK_DESCRIPTION, Qos
 from std_srvs.srv import SetBool
 
 from ..graph.team import actor_like
-from .plant import DEEP, PATIENCE, Peer, Plant, learning_process
+from .plant import DEEP, WAIT_TIMEOUT, Peer, Plant, learning_process
 
 Take = Callable[[str, str, float, list[str]], None]
 JOINTS = ("shoulder", "elbow")
@@ -73,7 +73,7 @@ def gate(ros_domain: int, planar_expert: Path, planar_bag: Path, tmp_path_factor
 
 
 def changed(**fields: Any) -> Callable[[Gate], Any]:
-    """A person's lawful command but for these fields."""
+    """A person's valid command but for these fields."""
 
     def message(gate: Gate) -> Any:
         made = gate.command()
@@ -102,7 +102,7 @@ def test_a_person_who_asks_for_the_impossible_does_not_take_over(gate: Gate, row
     took = plant.measure(lambda: gate.person.publish(message), gate.refused("human/joint_delta"), fault)
     gate.await_agent()
     assert all(each.actor is not Actor.HUMAN for each in gate.decisions[begun:])
-    row(fault, "refused; the agent goes on", took, plant.unlawful(since))
+    row(fault, "refused; the agent goes on", took, plant.outside_limits(since))
 
 
 def test_a_person_takes_over_and_lets_go(gate: Gate, row: Take) -> None:
@@ -114,9 +114,14 @@ def test_a_person_takes_over_and_lets_go(gate: Gate, row: Take) -> None:
         return by_person()
 
     took = plant.measure(drive, drive, "the person's turn")
-    row("a person takes over", "the person acts, control passes over 5 steps", took, plant.unlawful(since))
+    row("a person takes over", "the person acts, control passes over 5 steps", took, plant.outside_limits(since))
     took = plant.measure(lambda: None, gate.decided(lambda each: each.actor is Actor.AGENT), "the agent's turn")
-    row("a person's commands stop", "hold, then after human_timeout (300 ms) the agent", took, plant.unlawful(since))
+    row(
+        "a person's commands stop",
+        "hold, then after human_timeout (300 ms) the agent",
+        took,
+        plant.outside_limits(since),
+    )
 
 
 def test_an_unsure_agent_does_not_act(gate: Gate, row: Take) -> None:
@@ -124,13 +129,13 @@ def test_an_unsure_agent_does_not_act(gate: Gate, row: Take) -> None:
     by_expert = gate.decided(lambda each: each.code is GateCode.UNSURE)
     took = plant.measure(lambda: gate.peer.set(threshold=UNSURE), by_expert, "the expert's turn")
     assert gate.decisions[-1].actor is Actor.EXPERT
-    row("the agent is unsure", "the expert acts", took, plant.unlawful(since))
+    row("the agent is unsure", "the expert acts", took, plant.outside_limits(since))
     asks = gate.decided(lambda each: each.code is GateCode.ASKING)
     took = plant.measure(lambda: gate.peer.set(query_timeout=0.5), asks, "the question")
-    row("the agent is unsure, query mode", "hold, a person is asked", took, plant.unlawful(since))
+    row("the agent is unsure, query mode", "hold, a person is asked", took, plant.outside_limits(since))
     by_expert = gate.decided(lambda each: each.code is GateCode.UNSURE)
     took = plant.measure(lambda: None, by_expert, "the expert's turn")
-    row("nobody answers the question for 500 ms", "the expert acts", took, plant.unlawful(since))
+    row("nobody answers the question for 500 ms", "the expert acts", took, plant.outside_limits(since))
     gate.peer.set(threshold=SURE, query_timeout=0.0)
     gate.await_agent()
 
@@ -144,7 +149,7 @@ def test_the_emergency_stop_of_the_gate_silences_it(gate: Gate, row: Take) -> No
     plant.wait(lambda: len(plant.ticks) > held + 20, "ticks")
     still = [tick.joints.position for tick in plant.ticks[held + 5 :]]
     assert all(np.array_equal(q, still[0]) for q in still)
-    row("the gate's emergency stop, a person commands", "no answer: hold", took, plant.unlawful(since))
+    row("the gate's emergency stop, a person commands", "no answer: hold", took, plant.outside_limits(since))
     assert gate.peer.call(SetBool, "estop", data=False).success
     gate.await_agent()
 
@@ -166,7 +171,7 @@ def test_a_description_that_does_not_fit_changes_nothing(gate: Gate, row: Take, 
     took = plant.measure(lambda: rogue.publish(to_msg(Text(text))), gate.refused(topic.name), fault)
     plant.node.destroy_publisher(rogue)
     gate.await_agent()
-    row(fault, "refused; the agent goes on with the one it has", took, plant.unlawful(since))
+    row(fault, "refused; the agent goes on with the one it has", took, plant.outside_limits(since))
 
 
 def test_a_state_of_another_robot_is_not_answered(gate: Gate, row: Take) -> None:
@@ -181,7 +186,7 @@ def test_a_state_of_another_robot_is_not_answered(gate: Gate, row: Take) -> None
     def act() -> None:
         for output, record in zip(rogues, records, strict=True):
             output.publish(to_msg(record))
-            assert output.wait_for_all_acked(Duration(seconds=PATIENCE))
+            assert output.wait_for_all_acked(Duration(seconds=WAIT_TIMEOUT))
         assert plant.call(SetBool, "pause", data=False).success
 
     took = plant.measure(act, gate.decided(lambda each: each.actor is Actor.AGENT), "the agent's turn")
@@ -189,14 +194,14 @@ def test_a_state_of_another_robot_is_not_answered(gate: Gate, row: Take) -> None
         plant.node.destroy_publisher(each)
     assert all(each.stamp != stamp for each in gate.decisions)
     plant.ticks[:] = [each for each in plant.ticks if each.joints.names == JOINTS]
-    row("a state with joints of another robot", "passed over; the agent goes on", took, plant.unlawful(since))
+    row("a state with joints of another robot", "passed over; the agent goes on", took, plant.outside_limits(since))
 
 
 def test_a_parameter_of_the_gate_out_of_its_range_is_refused(gate: Gate, row: Take) -> None:
     plant, since, reasons = gate.plant, len(gate.plant.ticks) - 1, list[str]()
     took = plant.measure(lambda: reasons.append(gate.peer.set(hysteresis=2.0)), lambda: reasons, "an answer")
     assert reasons[0]
-    row("hysteresis of 2", "refused, with the reason", took, plant.unlawful(since))
+    row("hysteresis of 2", "refused, with the reason", took, plant.outside_limits(since))
 
 
 def test_what_a_limit_forbids_the_agent_somebody_else_does_or_nobody(gate: Gate, row: Take) -> None:
@@ -216,7 +221,12 @@ def test_what_a_limit_forbids_the_agent_somebody_else_does_or_nobody(gate: Gate,
     output.publish(to_msg(Text(before.to_json())))
     gate.await_agent()
     plant.node.destroy_publisher(output)
-    row("a limit forbids what the agent wants", "the expert acts if it may, else hold", took, plant.unlawful(since))
+    row(
+        "a limit forbids what the agent wants",
+        "the expert acts if it may, else hold",
+        took,
+        plant.outside_limits(since),
+    )
 
 
 def test_the_learning_process_dies_and_control_goes_on(gate: Gate, row: Take) -> None:
@@ -227,7 +237,7 @@ def test_the_learning_process_dies_and_control_goes_on(gate: Gate, row: Take) ->
     told = lambda: any("learning process has ended" in each.message for each in plant.health[begun:])  # noqa: E731
     took = plant.measure(lambda: os.kill(learning_process(gate.peer.child)[0], signal.SIGKILL), told, "a report")
     gate.await_agent()
-    row("the learning process is killed", "reported; the agent goes on", took, plant.unlawful(since))
+    row("the learning process is killed", "reported; the agent goes on", took, plant.outside_limits(since))
     assert gate.peer.call(SetBool, "learn", data=False).success
 
 
@@ -239,8 +249,8 @@ def test_the_agent_dies_and_the_robot_holds(gate: Gate, row: Take) -> None:
         return all(np.array_equal(q, last[0]) for q in last)
 
     took = plant.measure(gate.peer.child.process.kill, is_still, "a hold")
-    row("the agent is killed", "hold; 200 ms of them are looked at", took, plant.unlawful(since))
+    row("the agent is killed", "hold; 200 ms of them are looked at", took, plant.outside_limits(since))
     plant.children.end(gate.peer.child)
     began = gate.decided(lambda each: each.actor is Actor.AGENT)
     took = plant.measure(lambda: setattr(gate.peer, "child", gate.start()), began, "the agent's turn")
-    row("the agent is started again", "it answers", took, plant.unlawful(since))
+    row("the agent is started again", "it answers", took, plant.outside_limits(since))

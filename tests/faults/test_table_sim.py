@@ -39,7 +39,7 @@ def plant(ros_domain: int) -> Iterator[Plant]:
 
 
 def changed(**fields: Any) -> Callable[[Plant], Any]:
-    """A lawful command but for these fields."""
+    """A valid command but for these fields."""
 
     def message(plant: Plant) -> Any:
         made = plant.command((0.01, 0.01))
@@ -88,38 +88,38 @@ def test_a_bad_command_is_refused_and_the_simulation_waits_on(plant: Plant, row:
     took = plant.measure(plant.send(message(plant)), seen, fault)
     assert len(plant.ticks) == since + 1
     plant.step((0.01, 0.01))
-    decision = f"refused ({code.name.lower()}); it waits for a lawful answer"
-    row(fault, decision, took, plant.unlawful(since))
+    decision = f"refused ({code.name.lower()}); it waits for a valid answer"
+    row(fault, decision, took, plant.outside_limits(since))
 
 
 def test_the_command_taken_last_changes_nothing_when_it_comes_again(plant: Plant, row: Take) -> None:
     since, answer = len(plant.ticks) - 1, plant.command((0.01, 0.0))
     plant.step((0.01, 0.0))
-    lawful = plant.command((0.0, 0.01))
+    valid = plant.command((0.0, 0.01))
     stale = int(plant.health[-1].values["commands_stale"])
 
     def act() -> None:
         plant.output.publish(answer)
-        plant.output.publish(lawful)
+        plant.output.publish(valid)
 
     took = plant.measure(act, plant.moved_on(), "a tick")
     plant.wait(lambda: plant.health[-1].stamp >= plant.tick.stamp, "a report")
     assert int(plant.health[-1].values["commands_stale"]) == stale
     assert len(plant.ticks) == since + 3
-    decision = "it changes nothing; the lawful command behind it is carried out"
-    row("the command taken last, once more", decision, took, plant.unlawful(since))
+    decision = "it changes nothing; the valid command behind it is carried out"
+    row("the command taken last, retransmitted", decision, took, plant.outside_limits(since))
 
 
 def test_bytes_that_are_no_message_are_dropped(plant: Plant, row: Take) -> None:
-    since, lawful = len(plant.ticks) - 1, plant.command((0.01, 0.0))
+    since, valid = len(plant.ticks) - 1, plant.command((0.01, 0.0))
 
     def act() -> None:
         plant.output.publish(b"\x00\x01\x00\x00\xff\xff\xff\x7f")
-        plant.output.publish(lawful)
+        plant.output.publish(valid)
 
     took = plant.measure(act, plant.moved_on(), "a tick")
-    decision = "dropped; the lawful command behind them is carried out"
-    row("bytes that are no message", decision, took, plant.unlawful(since))
+    decision = "dropped; the valid command behind them is carried out"
+    row("bytes that are no message", decision, took, plant.outside_limits(since))
 
 
 def test_another_order_of_the_joints_is_put_right(plant: Plant, row: Take) -> None:
@@ -127,7 +127,7 @@ def test_another_order_of_the_joints_is_put_right(plant: Plant, row: Take) -> No
     message = changed(name=["elbow", "shoulder"], position=[0.02, -0.03])(plant)
     took = plant.measure(plant.send(message), plant.moved_on(), "a tick")
     np.testing.assert_allclose(plant.tick.joints.position - before.joints.position, (-0.03, 0.02), atol=1e-12)
-    row("joints in another order", "carried out, by name", took, plant.unlawful(since))
+    row("joints in another order", "carried out, by name", took, plant.outside_limits(since))
 
 
 BEYOND = {
@@ -146,7 +146,7 @@ def refuse_motion(plant: Plant, row: Take, fault: str, delta: Sequence[float], c
     assert plant.tick.status.step == before.status.step + 1
     np.testing.assert_array_equal(plant.tick.joints.position, before.joints.position)
     decision = f"refused ({code.name.lower()}); the robot stays, the step counts"
-    row(fault, decision, took, plant.unlawful(since))
+    row(fault, decision, took, plant.outside_limits(since))
 
 
 @pytest.mark.parametrize("fault", BEYOND)
@@ -179,7 +179,7 @@ def test_faults_on_purpose_do_not_stop_lockstep(plant: Plant, row: Take, fault: 
     assert plant.tick.joints.position[0] == pytest.approx(shoulder)
     plant.set(**sound)
     plant.reset()
-    row(f"on purpose: {fault}", decision, took, plant.unlawful(since))
+    row(f"on purpose: {fault}", decision, took, plant.outside_limits(since))
 
 
 def test_noise_of_the_actuators_stays_within_the_limits(plant: Plant, row: Take) -> None:
@@ -193,7 +193,7 @@ def test_noise_of_the_actuators_stays_within_the_limits(plant: Plant, row: Take)
     plant.set(actuator_noise=0.0)
     plant.reset()
     decision = "clipped to Δq_max, then judged by the limits"
-    row("on purpose: actuator noise of 2 Δq_max", decision, took, plant.unlawful(since))
+    row("on purpose: actuator noise of 2 Δq_max", decision, took, plant.outside_limits(since))
 
 
 def test_changes_that_are_not_allowed_are_refused(plant: Plant, row: Take) -> None:
@@ -209,22 +209,22 @@ def test_changes_that_are_not_allowed_are_refused(plant: Plant, row: Take) -> No
     ):
         took, reason = asked(**wanted)
         assert said in reason
-        row(fault, "refused, with the reason", took, plant.unlawful(since))
+        row(fault, "refused, with the reason", took, plant.outside_limits(since))
     bad = ParameterMessage(name="seed", value=ParameterValue(type=255))
     took = plant.measure(lambda: plant.call(SetParameters, "set_parameters", parameters=[bad]), lambda: True, "")
     plant.step((0.01, 0.0))
-    row("a parameter of a type that does not exist", "not set; it goes on", took, plant.unlawful(since))
+    row("a parameter of a type that does not exist", "not set; it goes on", took, plant.outside_limits(since))
 
 
 def test_the_emergency_stop_refuses_everything(plant: Plant, row: Take) -> None:
     since, before = len(plant.ticks) - 1, plant.tick
     assert plant.call(SetBool, "estop", data=True).success
     took = plant.measure(plant.send(plant.command((0.05, 0.0))), plant.reported(Code.STOPPED), "a report")
-    row("a command under the emergency stop", "refused (stopped)", took, plant.unlawful(since))
+    row("a command under the emergency stop", "refused (stopped)", took, plant.outside_limits(since))
     took = plant.measure(lambda: plant.call(Trigger, "reset"), lambda: True, "")
     assert not plant.call(Trigger, "reset").success
     assert plant.tick is before
-    row("a reset under the emergency stop", "refused, with the reason", took, plant.unlawful(since))
+    row("a reset under the emergency stop", "refused, with the reason", took, plant.outside_limits(since))
     assert plant.call(SetBool, "estop", data=False).success
     plant.wait(lambda: plant.tick is not before, "a tick to answer")
     plant.step((0.01, 0.0))
@@ -247,7 +247,7 @@ def test_no_answer_is_waited_for(plant: Plant, row: Take) -> None:
     took = plant.measure(lambda: None, lambda: len(plant.health) > begun + 1, "two reports")
     assert plant.tick is before
     plant.step((0.01, 0.0))
-    row("no answer, lockstep", "it waits, and goes on reporting", took, plant.unlawful(since))
+    row("no answer, lockstep", "it waits, and goes on reporting", took, plant.outside_limits(since))
 
 
 @pytest.fixture(scope="module")
@@ -277,7 +277,7 @@ def test_a_late_command_is_a_hold(ticking: Plant, row: Take, fault: str) -> None
     before = ticking.tick
     ticking.wait(lambda: ticking.tick.stamp > before.stamp + 2 * PERIOD, "ticks")
     np.testing.assert_array_equal(ticking.tick.joints.position, before.joints.position)
-    row(f"{fault}, real time", "refused (stale); the robot holds", took, ticking.unlawful(since))
+    row(f"{fault}, real time", "refused (stale); the robot holds", took, ticking.outside_limits(since))
 
 
 def still(ticking: Plant) -> bool:
@@ -314,7 +314,7 @@ def test_an_operator_that_dies_leaves_the_robot_holding(ticking: Plant, driven: 
         "the operator killed while it moves the robot",
         "the robot holds, five ticks alike",
         took,
-        ticking.unlawful(since),
+        ticking.outside_limits(since),
     )
 
 
@@ -332,7 +332,7 @@ def test_the_emergency_stop_ends_motion(ticking: Plant, driven: Child, row: Take
         "the emergency stop while the robot moves",
         "the robot holds until it is released, five ticks alike",
         took,
-        ticking.unlawful(since),
+        ticking.outside_limits(since),
     )
 
 
@@ -351,7 +351,7 @@ def test_a_killed_simulation_begins_anew(ticking: Plant, row: Take) -> None:
         "the simulation killed and started again",
         "it begins at its first tick; who listens goes on",
         took,
-        ticking.unlawful(begun),
+        ticking.outside_limits(begun),
     )
 
 
@@ -377,4 +377,4 @@ def test_a_command_after_the_end_is_refused(ticking: Plant, row: Take) -> None:
         since = len(plant.ticks) - 1
         seen = plant.reported(Code.EPISODE_OVER)
         took = plant.measure(plant.send(plant.command((0.01, 0.0))), seen, "a report")
-        row("a command after the end of the episode", "refused (episode_over)", took, plant.unlawful(since))
+        row("a command after the end of the episode", "refused (episode_over)", took, plant.outside_limits(since))

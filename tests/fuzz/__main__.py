@@ -9,6 +9,7 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 from threading import Event
 
+from .cases import add_cases, read_cases
 from .findings import ROOT
 from .target import names
 from .watch import Job, Result, watch
@@ -20,6 +21,10 @@ LINE = "{:<18} {:>9} {:>8} {:>8} {:>8}"
 
 def main() -> None:
     options = _options()
+    if options.add:
+        for case in add_cases(options.add):
+            print(f"{case.target}/{case.name} is a case now")
+        return
     stop = Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
@@ -39,13 +44,27 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)), help="processes at once")
     parser.add_argument("--output", type=Path, default=ROOT / "out" / "fuzz", help="for findings and corpus")
     parser.add_argument("--replay", type=Path, nargs="+", default=[], help="read these findings or cases, nothing else")
+    parser.add_argument("--add", type=Path, nargs="+", default=[], help="make these findings cases, nothing else")
     options = parser.parse_args()
     if unknown := sorted(set(options.targets) - set(names())):
         parser.error(f"there is no target {unknown[0]}; accepted: {', '.join(names())}")
-    if strange := [path for path in options.replay if path.absolute().parent.name not in names() or not path.is_file()]:
-        parser.error(f"{strange[0]} is no finding; accepted: a file in a folder that is named as its target")
     options.output = options.output.absolute()
+    options.replay = [_unpacked(path, options.output / "cases") for path in options.replay]
+    for path in [*options.replay, *options.add]:
+        if path.absolute().parent.name not in names() or not path.is_file():
+            parser.error(f"{path} is no finding; accepted: a file in a folder that is named as its target")
     return options
+
+
+def _unpacked(path: Path, folder: Path) -> Path:
+    """A file with a case that is named as ``TARGET/NAME``; any other path is left as it is."""
+    case = next((each for each in read_cases() if f"{each.target}/{each.name}" == str(path)), None)
+    if case is None:
+        return path
+    unpacked = folder / case.target / case.name
+    unpacked.parent.mkdir(parents=True, exist_ok=True)
+    unpacked.write_bytes(case.data)
+    return unpacked
 
 
 def _searches(options: argparse.Namespace) -> list[Job]:

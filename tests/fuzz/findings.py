@@ -55,7 +55,7 @@ def keep(folder: Path, target: str, finding: Finding, data: bytes) -> Path:
     text = [
         finding.summary,
         f"see it again: make fuzz ARGS={shlex.quote('--replay ' + name)}",
-        f"make it a case: mkdir -p tests/fuzz/corpus/{target} && cp {name} tests/fuzz/corpus/{target}/",
+        f"make it a case: make fuzz ARGS={shlex.quote('--add ' + name)}",
         "",
         _shortened(finding.stack),
     ]

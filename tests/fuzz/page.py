@@ -18,10 +18,10 @@ from rled_sim.tasks import reach_task
 from rled_teleop.web import page as page_module
 from rled_teleop.web.access import Access
 from rled_teleop.web.control import Control
+from rled_teleop.web.graph_state import GraphState, OtherNodes
 from rled_teleop.web.inbound import understood
-from rled_teleop.web.order import Order
 from rled_teleop.web.page import Page
-from rled_teleop.web.watched import Seen, Watched
+from rled_teleop.web.set_point import SetPoint
 from viser import _messages as viser_messages
 
 from ..rled_msgs_py.samples import write_bag
@@ -36,7 +36,7 @@ class OpenPage:
     """A page that runs, and what came of the messages to it.
 
     Attributes:
-        orders: the newest order to the operator.
+        set_points: the newest set point for the operator.
         control: what the visitor may do.
         number: of the visitor.
         owner: of the visitor's handles.
@@ -44,11 +44,11 @@ class OpenPage:
     """
 
     def __init__(self) -> None:
-        self.orders = [Order()]
+        self.set_points = [SetPoint()]
         self._errors: list[BaseException] = []
         page_module._try = self._try
         self.control = Control(0.5, self._give)
-        self._page = Page("127.0.0.1", port := _free_port(), Access(), self._watched(), self.control, _bags())
+        self._page = Page("127.0.0.1", port := _free_port(), Access(), self._graph(), self.control, _bags())
         self._server = self._page._server._websock_server
         self._loop = self._server._background_event_loop
         self._loop.set_exception_handler(lambda _, context: self._errors.append(_error_of(context)))
@@ -97,8 +97,8 @@ class OpenPage:
             return data
         return data
 
-    def _give(self, order: Order) -> None:
-        self.orders[:] = [order]
+    def _give(self, set_point: SetPoint) -> None:
+        self.set_points[:] = [set_point]
 
     def _try(self, work: Any) -> None:
         try:
@@ -106,15 +106,15 @@ class OpenPage:
         except Exception as error:
             self._errors.append(error)
 
-    def _watched(self) -> Watched:
-        watched, robot = Watched(), ROBOTS["planar"]
-        watched.task, watched.description = reach_task(robot).description, robot.description
-        watched.seen = Seen(recorder=True, agent=True)
-        frame, q = watched.task.frame, np.array(robot.home)
+    def _graph(self) -> GraphState:
+        graph, robot = GraphState(), ROBOTS["planar"]
+        graph.task, graph.description = reach_task(robot).description, robot.description
+        graph.nodes = OtherNodes(recorder=True, agent=True)
+        frame, q = graph.task.frame, np.array(robot.home)
         ee, target = PoseSample(0, frame, robot.chain.position(q)), PoseSample(0, frame, np.array([0.3, 0.2, 0.1]))
-        joints = JointSample(0, watched.task.joint_names, q, np.zeros(len(q)))
-        watched.on_tick(Tick(joints, ee, target, TaskStatus(0, 0, 0, 0.0, 0, False, 0, False, False)), False)
-        return watched
+        joints = JointSample(0, graph.task.joint_names, q, np.zeros(len(q)))
+        graph.on_tick(Tick(joints, ee, target, TaskStatus(0, 0, 0, 0.0, 0, False, 0, False, False)), False)
+        return graph
 
 
 @lru_cache

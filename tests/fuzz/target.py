@@ -9,8 +9,6 @@ from typing import NamedTuple
 from rled_msgs_py.errors import RledError
 
 FOLDER = Path(__file__).parent / "targets"
-CASES = Path(__file__).parent / "corpus"
-"""Inputs that once failed, a folder for each target."""
 
 Mutate = Callable[[bytes, bytes, Random], bytes]
 
@@ -41,7 +39,3 @@ def load(name: str) -> Target:
     module = importlib.import_module(f"{__package__}.targets.{name}")
     refusals = getattr(module, "REFUSALS", (RledError,))
     return Target(name, module.read, module.seeds, module.mutate, refusals)
-
-
-def cases(name: str) -> list[Path]:
-    return sorted(path for path in (CASES / name).glob("*") if path.is_file())

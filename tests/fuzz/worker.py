@@ -19,9 +19,10 @@ from random import Random
 
 from . import findings
 from .bounds import INPUT
+from .cases import cases_of
 from .judge import Growth, Judge
 from .slot import Slot
-from .target import Target, cases, load
+from .target import Target, load
 
 COVERED = [f"{__package__}.targets", "rled_msgs_py", "rled_sim", "rled_agent", "rled_teleop", "rosbags", "yourdfpy"]
 """Packages whose lines guide the search."""
@@ -49,8 +50,11 @@ def main() -> None:
     target = _instrumented(options.target) if options.seconds else load(options.target)
     judge = Judge(target, options.scratch)
     look = _looker(judge, options)
-    for path in [*options.replay] or [*cases(target.name), *findings.kept(options.findings, target.name)]:
-        look(path.read_bytes())
+    known = [] if options.replay else [case.data for case in cases_of(target.name)]
+    for path in options.replay or findings.kept(options.findings, target.name):
+        known.append(path.read_bytes())
+    for data in known:
+        look(data)
     if options.seconds:
         _guided(target, look, options, max(SHORTEST, options.seconds - (time.monotonic() - begun)))
     else:

@@ -8,13 +8,13 @@ from typing import Any
 import pytest
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rled_msgs_py.node import fresh_context, spin_until, subscribe, subscribe_ticks
 from rled_msgs_py.processes import Children, program
 from rled_msgs_py.records import DeltaCommand, GateDecision, Health
+from rled_msgs_py.ros.node import fresh_context, spin_until, subscribe, subscribe_ticks
 from rled_msgs_py.tick import Tick
 from rled_msgs_py.topics import DIAGNOSTICS, JOINT_DELTA, SAFETY_GATE, Qos
 
-PATIENCE = 90.0
+WAIT_TIMEOUT = 90.0
 DEEP = 100_000
 """Samples that the observer's readers keep: it may be slower than the graph."""
 
@@ -37,7 +37,7 @@ class Observer:
         subscribe(self.node, DIAGNOSTICS, lambda health: self.health.update({health.name: health}))
 
     def wait(self, done: Callable[[], bool], what: str) -> None:
-        spin_until(self.executor, done, PATIENCE, what)
+        spin_until(self.executor, done, WAIT_TIMEOUT, what)
 
     def call(self, kind: type, name: str, **request: Any) -> Any:
         """The answer of a service."""

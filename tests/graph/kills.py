@@ -40,7 +40,7 @@ YOUNG = 2_000_000_000
 """Simulation time (ns) before which a simulation is not killed, so that the stamps of the next one are smaller."""
 
 
-def unlawful(stamps: np.ndarray, positions: np.ndarray) -> int:
+def outside_limits(stamps: np.ndarray, positions: np.ndarray) -> int:
     """States outside the joints' range, and motions by more than Δq_max a period; a restart begins anew.
 
     Args:
@@ -60,7 +60,7 @@ def unlawful(stamps: np.ndarray, positions: np.ndarray) -> int:
 
 
 def whole(path: Path) -> tuple[int, int]:
-    """Repair a bag and read all of it: states and commands in it, and those of them that are not lawful.
+    """Repair a bag and read all of it: states and commands in it, and those of them that are outside the limits.
 
     Raises:
         RledError: it cannot be read.
@@ -72,7 +72,7 @@ def whole(path: Path) -> tuple[int, int]:
         assert sum(1 for _ in bag.records(topic)) == bag.counts.get(topic.name, 0), f"{path}: {topic.name}"
     states, deltas = bag.joints(JOINT_STATES), bag.joints(JOINT_DELTA)
     excess = int((np.abs(deltas.position) > TASK.max_delta * (1.0 + 1e-6)).any(axis=1).sum())
-    return len(states.stamps) + len(deltas.stamps), unlawful(states.stamps, states.position) + excess
+    return len(states.stamps) + len(deltas.stamps), outside_limits(states.stamps, states.position) + excess
 
 
 def is_well(name: str, report: Health) -> bool:
@@ -180,7 +180,7 @@ def measure(kills: int, seed: int, folder: Path) -> dict[str, Any]:
         "kills": dict(killed),
         "well_again_s": {"median": round(float(np.median(graph.took)), 1), "longest": round(max(graph.took), 1)},
         "states_watched": len(stamps),
-        "unlawful": unlawful(np.array(stamps), np.array(positions)) + sum(bad for _, bad in bags),
+        "outside_limits": outside_limits(np.array(stamps), np.array(positions)) + sum(bad for _, bad in bags),
         "transitions_and_updates_saved": saved[-1],
         "learning_lost": sum(after < before for before, after in pairwise(saved)),
         "whole_bags": len(bags),
@@ -207,7 +207,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder, private_graph():
         figures = measure(options.kills, options.seed, Path(folder))
     print(json.dumps(figures, indent=2))
-    sys.exit(1 if figures["unlawful"] or figures["learning_lost"] or figures["broken_bags"] else 0)
+    sys.exit(1 if figures["outside_limits"] or figures["learning_lost"] or figures["broken_bags"] else 0)
 
 
 if __name__ == "__main__":

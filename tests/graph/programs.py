@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 from rled_msgs_py.processes import program
 
-PATIENCE = 40.0
+WAIT_TIMEOUT = 40.0
 ENDLESS = ("--targets-per-episode", "0", "--max-steps", "0", "--discovery-wait", "0.2")
 
 
@@ -20,7 +20,7 @@ def running(package: str, name: str, *arguments: str) -> Iterator["subprocess.Po
     finally:
         if process.poll() is None:
             process.send_signal(signal.SIGINT)
-        process.communicate(timeout=PATIENCE)
+        process.communicate(timeout=WAIT_TIMEOUT)
 
 
 @contextmanager

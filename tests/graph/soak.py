@@ -21,9 +21,9 @@ from rled_msgs_py.bags import Bag
 from .team import AGENT, DEMONSTRATION, Team, Watch, expert_of, private_graph, running
 
 PAGE = os.sysconf("SC_PAGE_SIZE")
-SETTLED, WINDOW = 180.0, 60.0
+SETTLING_TIME, WINDOW = 180.0, 60.0
 EVERY = 5.0
-MOST_DRIFT = 0.02
+MAX_DRIFT = 0.02
 
 
 def memory(process: int) -> int:
@@ -49,7 +49,7 @@ def child_of(process: int) -> int:
 
 def drift(times: np.ndarray, sizes: np.ndarray) -> float:
     """Growth after the start has settled, as a share."""
-    settled = min(SETTLED, times[-1] / 2.0)
+    settled = min(SETTLING_TIME, times[-1] / 2.0)
     early = sizes[(times >= settled) & (times < settled + WINDOW)]
     return float(np.median(sizes[times > times[-1] - WINDOW]) / np.median(early) - 1.0)
 
@@ -101,7 +101,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder, private_graph():
         figures = measure(options.minutes, options.period, Path(folder))
     print(json.dumps(figures, indent=2))
-    sys.exit(1 if max(figures["drift"].values()) > MOST_DRIFT else 0)
+    sys.exit(1 if max(figures["drift"].values()) > MAX_DRIFT else 0)
 
 
 if __name__ == "__main__":

@@ -18,15 +18,16 @@ from rled_agent.learners.cloning import CloningConfig, clone_expert
 from rled_agent.nn.architecture import Architecture
 from rled_agent.nn.perceptron import Perceptron
 from rled_agent.nn.policy import Policy, load_policy
-from rled_msgs_py.node import fresh_context, spin_until, subscribe
+from rled_msgs_py.ros.node import fresh_context, spin_until, subscribe
 from rled_msgs_py.processes import program
 from rled_msgs_py.records import Health, JointSample
+from rled_msgs_py.ros.node import fresh_context, spin_until, subscribe
 from rled_msgs_py.topics import DIAGNOSTICS, JOINT_STATES, Qos
 
 from ..conftest import free_domain
 
 DEMONSTRATION = Path(__file__).parents[2] / "bags" / "planar_lemniscate"
-PATIENCE = 120.0
+WAIT_TIMEOUT = 120.0
 AGENT = "agent_node: policy"
 
 
@@ -104,7 +105,7 @@ class Team:
         for name in ("recorder", "agent", "sim"):
             began, process = time.monotonic(), self.processes[name]
             process.send_signal(signal.SIGINT)
-            process.wait(PATIENCE)
+            process.wait(WAIT_TIMEOUT)
             took[name] = time.monotonic() - began
         return took
 
@@ -153,7 +154,7 @@ class Watch:
 
     def wait(self, done: Callable[[], bool], what: str) -> None:
         """Watch until a predicate holds."""
-        spin_until(self._executor, done, PATIENCE, what)
+        spin_until(self._executor, done, WAIT_TIMEOUT, what)
 
     def report(self, name: str, since: float) -> Health | None:
         """A node's newest report that came after a moment of the steady clock."""

@@ -14,7 +14,7 @@ from typing import IO
 
 from rled_msgs_py.processes import program
 
-from .programs import PATIENCE
+from .programs import WAIT_TIMEOUT
 
 ROWS, COLUMNS = 24, 100
 
@@ -45,7 +45,7 @@ class Terminal:
 
     def await_that(self, condition: Callable[[str], object], what: str, pressing: str = "") -> str:
         """Look until the screen meets a condition, pressing keys all the while."""
-        deadline = time.monotonic() + PATIENCE
+        deadline = time.monotonic() + WAIT_TIMEOUT
         while not condition(text := self.look()):
             assert self.process.poll() is None, self.process.communicate()[1]
             assert time.monotonic() < deadline, f"waited in vain for {what}:\n{text}"
@@ -64,7 +64,7 @@ class Terminal:
     def end(self, number: int | None = None) -> int:
         if number is not None:
             self.process.send_signal(number)
-        deadline = time.monotonic() + PATIENCE
+        deadline = time.monotonic() + WAIT_TIMEOUT
         while self.process.poll() is None and time.monotonic() < deadline:
             self.look()
         return self.process.wait(timeout=1.0)

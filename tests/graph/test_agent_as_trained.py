@@ -12,7 +12,7 @@ from rled_agent.nodes.agent_params import AgentParams
 from rled_agent.nn.policy import load_policy
 from rled_agent.nn.policy import GateSettings
 from rled_msgs_py.errors import ContractError
-from rled_msgs_py.node import fresh_context
+from rled_msgs_py.ros.node import fresh_context
 
 from .team import actor_like
 

@@ -7,13 +7,13 @@ from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 
 from rled_msgs_py.bags import Bag, review
-from rled_msgs_py.convert import to_msg
-from rled_msgs_py.node import advertise
 from rled_msgs_py.records import Level, Text
+from rled_msgs_py.ros.convert import to_msg
+from rled_msgs_py.ros.node import advertise
 from rled_msgs_py.topics import TASK_DESCRIPTION
 
 from .conftest import Observer
-from .programs import ENDLESS, PATIENCE, running
+from .programs import ENDLESS, WAIT_TIMEOUT, running
 
 RECORDER = "record_demos: bag"
 
@@ -24,7 +24,7 @@ def simulation(*options: str) -> "AbstractContextManager[subprocess.Popen[str]]"
 
 def ended(recorder: "subprocess.Popen[str]") -> str:
     recorder.send_signal(signal.SIGINT)
-    _, said = recorder.communicate(timeout=PATIENCE)
+    _, said = recorder.communicate(timeout=WAIT_TIMEOUT)
     assert recorder.returncode == 0, said
     return said
 
@@ -76,7 +76,7 @@ def test_a_restart_with_another_option_makes_another_bag(tmp_path: Path, ros_dom
     for each in (first, second):
         found = review(each)
         assert found.faults == []
-        assert len(found.line.moments) >= 25
+        assert len(found.timeline.moments) >= 25
         assert len(found.episodes) == 1
     assert not (tmp_path / "a bag_3").exists()
 

@@ -17,7 +17,7 @@ from rled_sim.robots import ROBOTS
 
 import rled_sim  # noqa: F401
 
-PATIENCE = 60.0
+WAIT_TIMEOUT = 60.0
 NAMES = {"panda": "rled/PandaReach-v0", "planar": "rled/PlanarReach-v0"}
 SIMULATION = [*program("rled_sim", "sim_node"), "--discovery-wait", "0.2"]
 
@@ -31,7 +31,7 @@ def test_without_a_simulation_it_says_so() -> None:
 def test_a_simulation_that_ends_is_noticed() -> None:
     with Children() as children:
         simulation = children.start([*SIMULATION, "--robot", "planar"])
-        env = GraphEnv(timeout=PATIENCE)
+        env = GraphEnv(timeout=WAIT_TIMEOUT)
         env.reset(seed=0)
         children.end(simulation)
         env._graph.timeout = 0.3
@@ -55,7 +55,7 @@ def both(request, planar_bag: Path, ros_domain: int) -> Iterator[tuple[GraphEnv,
     inside = gymnasium.make(NAMES[request.param], **options)
     with Children() as children:
         children.start([*SIMULATION, "--robot", request.param, *given])
-        over = GraphEnv(timeout=PATIENCE)
+        over = GraphEnv(timeout=WAIT_TIMEOUT)
         yield over, inside
         over.close()
         children.check()
@@ -98,7 +98,7 @@ def test_transitions_that_reach_targets_are_those_in_process_bit_for_bit(both) -
     task, simulation = over.task, inside.unwrapped.simulation
 
     def towards_the_target() -> np.ndarray:
-        q, target = np.array(simulation.world.q), simulation.episode.target
+        q, target = np.array(simulation.plant.q), simulation.episode.target
         goal = solve_position(ROBOTS[task.robot].chain, target, q, task.joint_lower, task.joint_upper)
         farthest = max(np.abs(goal - q).max(), 1e-9)
         return (min(farthest, task.max_delta) * (goal - q) / farthest).astype(np.float32)

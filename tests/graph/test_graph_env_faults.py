@@ -15,7 +15,7 @@ from rled_sim.faults import NO_FAULTS, Faults
 
 import rled_sim  # noqa: F401
 
-PATIENCE = 60.0
+WAIT_TIMEOUT = 60.0
 STEPS = 60
 FAULTS = {
     "panda": Faults(
@@ -56,7 +56,7 @@ def both(name: str, arguments: list[str], **options: Any) -> Iterator[tuple[Grap
     start = [*program("rled_sim", "sim_node"), "--discovery-wait", "0.2", "--robot", robot, "--max-steps", str(STEPS)]
     with Children() as children:
         children.start([*start, *arguments])
-        over = GraphEnv(timeout=PATIENCE)
+        over = GraphEnv(timeout=WAIT_TIMEOUT)
         inside = gymnasium.make(name, max_steps=STEPS, limits=over.task.limits, **options)
         assert over.task == inside.unwrapped.task
         yield over, inside

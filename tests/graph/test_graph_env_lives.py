@@ -10,12 +10,12 @@ from rled_agent.nodes.graph_env import GraphEnv
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.topics import JOINT_DELTA
 
-PATIENCE = 60.0
+WAIT_TIMEOUT = 60.0
 
 
 @pytest.fixture
 def env(children):
-    env = GraphEnv(timeout=PATIENCE)
+    env = GraphEnv(timeout=WAIT_TIMEOUT)
     yield env
     env.close()
 
@@ -60,7 +60,7 @@ def test_what_is_closed_says_so(env) -> None:
 def test_one_that_is_dropped_leaves_the_graph_at_once(children, observer) -> None:
     gc.disable()
     try:
-        env = GraphEnv(timeout=PATIENCE)
+        env = GraphEnv(timeout=WAIT_TIMEOUT)
         env.reset(seed=0)
         context = env._graph._context
         observer.wait(lambda: observer.node.count_publishers(JOINT_DELTA.name) == 1, "the environment")

@@ -27,7 +27,7 @@ SAID = {
     "agent_node": "a simulation is there; answers states",
     "record_demos": "bag; Ctrl-C completes the bag",
 }
-PATIENCE = 60.0
+WAIT_TIMEOUT = 60.0
 ENDLESS = ("--robot", "planar", "--discovery-wait", "0.2", "--targets-per-episode", "0", "--max-steps", "0")
 REAL_TIME = (*ENDLESS, "--mode", "real_time")
 STILL = 0.2
@@ -48,7 +48,7 @@ class Program:
         began = time.monotonic()
         self.process.send_signal(number)
         while self.process.poll() is None:
-            assert time.monotonic() < began + PATIENCE
+            assert time.monotonic() < began + WAIT_TIMEOUT
             queued |= {each: waited for each in family if (waited := queueing(each))}
             time.sleep(0.002)
         return time.monotonic() - began - (sum(queued.values()) - before)

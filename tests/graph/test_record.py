@@ -18,10 +18,10 @@ import rclpy
 from mcap.reader import make_reader
 from rclpy.executors import SingleThreadedExecutor
 from rled_msgs_py.bags import Bag, repair
-from rled_msgs_py.convert import to_msg
-from rled_msgs_py.node import advertise, fresh_context, spin_until, subscribe
 from rled_msgs_py.processes import program
 from rled_msgs_py.records import Health, Level
+from rled_msgs_py.ros.convert import to_msg
+from rled_msgs_py.ros.node import advertise, fresh_context, spin_until, subscribe
 from rled_msgs_py.topics import (
     DIAGNOSTICS,
     EE_POSE,
@@ -38,11 +38,11 @@ from rled_msgs_py.topics import (
 )
 from rled_sim.robots import robot_named
 from rled_sim.tasks import reach_task
-from rled_teleop.demonstration import demonstrated_action
-from rled_teleop.scripted import spread
+from rled_teleop.operators.demonstration import demonstrated_action
+from rled_teleop.operators.scripted import spread
 from std_srvs.srv import SetBool, Trigger
 
-PATIENCE = 60.0
+WAIT_TIMEOUT = 60.0
 SCRIPTED = ("--operator", "scripted", "--robot", "planar", "--sim-options=--discovery-wait 0.2")
 SMALL = (*SCRIPTED, "--points", "40", "--trajectories", "5")
 
@@ -59,7 +59,7 @@ class Process:
         if number is not None:
             self.process.send_signal(number)
         try:
-            out, err = self.process.communicate(timeout=PATIENCE)
+            out, err = self.process.communicate(timeout=WAIT_TIMEOUT)
         except subprocess.TimeoutExpired:
             self.process.kill()
             raise
@@ -80,7 +80,7 @@ def record(output: Path, *arguments: str) -> tuple[int, str, str]:
 
 
 def await_that(condition: Callable[[], bool], what: str) -> None:
-    deadline = time.monotonic() + PATIENCE
+    deadline = time.monotonic() + WAIT_TIMEOUT
     while not condition():
         assert time.monotonic() < deadline, f"waited in vain for {what}"
         time.sleep(0.02)
@@ -277,9 +277,9 @@ class Person:
 
     def call(self, kind: Any, name: str, request: Any) -> Any:
         client = self._node.create_client(kind, name)
-        spin_until(self._executor, client.service_is_ready, PATIENCE, name)
+        spin_until(self._executor, client.service_is_ready, WAIT_TIMEOUT, name)
         future = client.call_async(request)
-        spin_until(self._executor, future.done, PATIENCE, f"an answer of {name}")
+        spin_until(self._executor, future.done, WAIT_TIMEOUT, f"an answer of {name}")
         return future.result()
 
     def listen(self, topic: Topic) -> list[Any]:
@@ -294,7 +294,7 @@ class Person:
         return lambda record: publisher.publish(to_msg(record))
 
     def await_that(self, condition: Callable[[], bool], what: str) -> None:
-        spin_until(self._executor, condition, PATIENCE, what)
+        spin_until(self._executor, condition, WAIT_TIMEOUT, what)
 
     def close(self) -> None:
         self._node.destroy_node()

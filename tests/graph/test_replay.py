@@ -13,14 +13,14 @@ from typing import Any
 import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
-from rled_msgs_py.convert import MESSAGE_CLASSES, qos_profile
-from rled_msgs_py.node import fresh_context, spin_until
 from rled_msgs_py.processes import program
+from rled_msgs_py.ros.convert import MESSAGE_CLASSES, qos_profile
+from rled_msgs_py.ros.node import fresh_context, spin_until
 from rled_msgs_py.topics import JOINT_DELTA, JOINT_STATES, RECORDED, ROBOT_DESCRIPTION
-from rled_teleop.bag_messages import read_recording
+from rled_teleop.recording.bag_messages import read_recording
 from std_srvs.srv import SetBool
 
-PATIENCE = 60.0
+WAIT_TIMEOUT = 60.0
 QUICK = ("--steps", "60", "--validate-every", "20", "--architecture.hidden", "16", "16", "--batch-size", "32")
 
 
@@ -34,7 +34,7 @@ class Process:
     def end(self, number: int | None = None) -> tuple[int, str, str]:
         if number is not None:
             self.process.send_signal(number)
-        out, err = self.process.communicate(timeout=PATIENCE)
+        out, err = self.process.communicate(timeout=WAIT_TIMEOUT)
         return self.process.returncode, out, err
 
     def close(self) -> None:
@@ -58,7 +58,7 @@ class Listener:
             self.node.create_subscription(MESSAGE_CLASSES[topic.type], topic.name, keep, qos, raw=True)
 
     def await_that(self, condition: Callable[[], bool], what: str) -> None:
-        spin_until(self.executor, condition, PATIENCE, what)
+        spin_until(self.executor, condition, WAIT_TIMEOUT, what)
 
     def pause(self, on: bool) -> Any:
         client = self.node.create_client(SetBool, "replay_demos/pause")

@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 
 import pytest
 from rled_msgs_py.processes import program
-from rled_msgs_py.security_policy import Rights, policy
+from rled_msgs_py.ros.security_policy import Rights, policy
 
 
 def allowed(profile: ElementTree.Element, kind: str, verb: str) -> set[str]:

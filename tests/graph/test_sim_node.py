@@ -14,11 +14,12 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rled_msgs_py.convert import MESSAGE_CLASSES, from_msg, qos_profile, to_msg
-from rled_msgs_py.limits import Zone
-from rled_msgs_py.node import advertise, fresh_context
 from rled_msgs_py.records import DeltaCommand
+from rled_msgs_py.reset_answer import ResetAnswer
+from rled_msgs_py.ros.convert import MESSAGE_CLASSES, from_msg, qos_profile, to_msg
+from rled_msgs_py.ros.node import advertise, fresh_context
 from rled_msgs_py.task import TaskDescription
+from rled_msgs_py.task_limits import Zone
 from rled_msgs_py.tick import STATE_TOPICS, TickAssembler
 from rled_msgs_py.topics import (
     CLOCK_TOPIC,
@@ -31,7 +32,7 @@ from rled_msgs_py.topics import (
 from rled_sim.robots import ROBOTS
 from std_srvs.srv import SetBool, Trigger
 
-PATIENCE = 60.0
+WAIT_TIMEOUT = 60.0
 PERIOD = 20_000_000
 
 
@@ -39,14 +40,14 @@ class Simulation:
     """A sim_node process."""
 
     def __init__(self, *arguments):
-        command = [sys.executable, "-m", "rled_sim.sim_node", "--discovery-wait", "0.3", *arguments]
+        command = [sys.executable, "-m", "rled_sim.nodes.sim_node", "--discovery-wait", "0.3", *arguments]
         self.process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
 
     def end(self, number=signal.SIGINT):
         if self.process.poll() is None:
             self.process.send_signal(number)
         try:
-            out, err = self.process.communicate(timeout=PATIENCE)
+            out, err = self.process.communicate(timeout=WAIT_TIMEOUT)
         except subprocess.TimeoutExpired:
             self.process.kill()
             raise
@@ -85,9 +86,9 @@ class Operator:
         self.latched[topic] = msg.data
 
     def wait(self, done, what):
-        deadline = time.monotonic() + PATIENCE
+        deadline = time.monotonic() + WAIT_TIMEOUT
         while not done():
-            assert time.monotonic() < deadline, f"waited {PATIENCE} s for {what}"
+            assert time.monotonic() < deadline, f"waited {WAIT_TIMEOUT} s for {what}"
             self.executor.spin_once(timeout_sec=0.05)
 
     def spin_for(self, seconds):
@@ -221,7 +222,7 @@ def test_graph_gives_the_transitions_of_the_environment(start):
 
     operator = start("--robot", "panda", "--start-points", "", "--seed", "0")
     operator.set("seed", 11)
-    begins = int(operator.reset().message.split()[-2])
+    begins = ResetAnswer.from_json(operator.reset().message).stamp
     operator.wait_for_stamp(begins)
     env = gymnasium.make("rled/PandaReach-v0")
     observation, _ = env.reset(seed=11)
@@ -294,7 +295,8 @@ class TestWaitingSimulation:
         before = planar.tick
         answer = planar.reset()
         assert answer.success
-        assert answer.message == f"episode {before.status.episode + 1} begins at {before.stamp + PERIOD} ns"
+        told = ResetAnswer.from_json(answer.message)
+        assert (told.episode, told.stamp) == (before.status.episode + 1, before.stamp + PERIOD)
         planar.wait(lambda: planar.tick.stamp > before.stamp, "the new episode")
         assert (planar.tick.status.step, planar.tick.status.episode) == (0, before.status.episode + 1)
         np.testing.assert_array_equal(planar.tick.joints.position, ROBOTS["planar"].home)
@@ -304,7 +306,7 @@ class TestWaitingSimulation:
         for _ in range(2):
             assert planar.set("seed", 5).successful
             for _ in range(3):
-                begins = int(planar.reset().message.split()[-2])
+                begins = ResetAnswer.from_json(planar.reset().message).stamp
                 planar.wait_for_stamp(begins)
                 targets.append(planar.tick.target.position.tolist())
         assert targets[:3] == targets[3:]
@@ -448,7 +450,7 @@ def test_node_ends_cleanly_on_a_signal(start, number):
 def test_second_simulation_in_the_domain_is_refused(start):
     start("--robot", "planar")
     second = Simulation("--robot", "planar", "--discovery-wait", "20")
-    second.process.wait(PATIENCE)
+    second.process.wait(WAIT_TIMEOUT)
     code, _, err = second.end()
     assert code == 2
     lines = [line for line in err.splitlines() if "RTPS" not in line]

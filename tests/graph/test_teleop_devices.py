@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
-from rled_msgs_py.convert import to_msg
-from rled_msgs_py.node import fresh_context, spin_until, subscribe
 from rled_msgs_py.records import JointSample
+from rled_msgs_py.ros.convert import to_msg
+from rled_msgs_py.ros.node import fresh_context, spin_until, subscribe
 from rled_msgs_py.topics import HUMAN_JOINT_DELTA, JOINT_DELTA, JOINT_STATES
-from rled_teleop.gamepad import Layout
+from rled_teleop.operators.gamepad import Layout
 from sensor_msgs.msg import JointState, Joy
 
-from .programs import PATIENCE, planar_simulation, running
+from .programs import WAIT_TIMEOUT, planar_simulation, running
 
 LAYOUT = Layout()
 
@@ -60,7 +60,7 @@ class World:
                 doing()
             return bool(condition())
 
-        spin_until(self._executor, done, PATIENCE, what)
+        spin_until(self._executor, done, WAIT_TIMEOUT, what)
 
     def rests(self, doing: Callable[[], None] = lambda: None) -> bool:
         """Whether the robot stays where it is for 0.4 s of simulation, after the last motion has been seen."""
@@ -117,7 +117,7 @@ def test_the_robot_follows_a_device_through_its_mapping_and_then_holds(world: Wo
 
 def test_a_wrong_mapping_ends_in_one_line(world: World) -> None:
     with running("rled_teleop", "teleop_kinesthetic", "--mapping", "{nose: {name: a}}") as operator:
-        assert operator.wait(timeout=PATIENCE) == 2
+        assert operator.wait(timeout=WAIT_TIMEOUT) == 2
         assert operator.stderr is not None
         line = operator.stderr.read()
     assert "the mapping names nose; accepted: shoulder, elbow" in line

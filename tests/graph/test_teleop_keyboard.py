@@ -14,9 +14,9 @@ import pytest
 from rled_msgs_py.bags import Bag
 from rled_msgs_py.processes import program
 from rled_msgs_py.topics import EPISODE_EVENTS, JOINT_DELTA, JOINT_STATES, MARKED_JOINT_STATES
-from rled_teleop.keyboard_screen import HELP
+from rled_teleop.operators.keyboard_screen import HELP
 
-from .programs import PATIENCE, planar_simulation, running
+from .programs import WAIT_TIMEOUT, planar_simulation, running
 from .terminal import Terminal
 
 
@@ -77,7 +77,7 @@ def test_a_signal_restores_the_terminal(number: signal.Signals) -> None:
 
 def test_no_terminal_is_one_line() -> None:
     command = program("rled_teleop", "teleop_keyboard")
-    done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=PATIENCE)
+    done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=WAIT_TIMEOUT)
     assert done.returncode == 2
     assert done.stderr.startswith("error: standard input is no terminal")
     assert len(done.stderr.splitlines()) == 1
@@ -111,7 +111,7 @@ def walk_through(bag: Path) -> list[str]:
         terminal.press("Q")
         assert terminal.end() == 0
         recording.send_signal(signal.SIGINT)
-        assert recording.wait(timeout=PATIENCE) == 0
+        assert recording.wait(timeout=WAIT_TIMEOUT) == 0
     return screens
 
 

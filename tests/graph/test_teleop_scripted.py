@@ -7,11 +7,11 @@ from collections.abc import Iterator
 import pytest
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rled_msgs_py.node import fresh_context, spin_until
 from rled_msgs_py.processes import program
+from rled_msgs_py.ros.node import fresh_context, spin_until
 from rled_msgs_py.topics import JOINT_STATES, Topic
 
-PATIENCE = 60.0
+WAIT_TIMEOUT = 60.0
 
 
 def start(package: str, name: str, *arguments: str) -> "subprocess.Popen[str]":
@@ -22,7 +22,7 @@ def start(package: str, name: str, *arguments: str) -> "subprocess.Popen[str]":
 def operate(*arguments: str) -> tuple[int, str]:
     """Exit code and stderr of an operator that ends itself."""
     operator = start("rled_teleop", "teleop_scripted", *arguments)
-    _, err = operator.communicate(timeout=PATIENCE)
+    _, err = operator.communicate(timeout=WAIT_TIMEOUT)
     return operator.returncode, err
 
 
@@ -33,7 +33,9 @@ def await_subscriber_of(topic: Topic) -> None:
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(node)
     try:
-        spin_until(executor, lambda: node.count_subscribers(topic.name) > 0, PATIENCE, f"a subscriber of {topic.name}")
+        spin_until(
+            executor, lambda: node.count_subscribers(topic.name) > 0, WAIT_TIMEOUT, f"a subscriber of {topic.name}"
+        )
     finally:
         node.destroy_node()
         context.try_shutdown()
@@ -46,7 +48,7 @@ def simulation(ros_domain: int) -> Iterator[None]:
     process = start("rled_sim", "sim_node", *arguments)
     yield
     process.send_signal(signal.SIGINT)
-    process.communicate(timeout=PATIENCE)
+    process.communicate(timeout=WAIT_TIMEOUT)
 
 
 @pytest.mark.usefixtures("simulation")
@@ -78,6 +80,6 @@ def test_an_operator_that_waits_for_subscribers_ends_on_a_signal(number: signal.
     with pytest.raises(subprocess.TimeoutExpired):
         operator.communicate(timeout=1.0)  # it goes on waiting
     operator.send_signal(number)
-    _, err = operator.communicate(timeout=PATIENCE)
+    _, err = operator.communicate(timeout=WAIT_TIMEOUT)
     assert operator.returncode == 0
     assert all("waiting for" in line for line in err.splitlines())

@@ -12,7 +12,7 @@ from rled_msgs_py.processes import Child, Children, program
 
 from ..web.conftest import free_port
 from .conftest import Observer
-from .programs import PATIENCE
+from .programs import WAIT_TIMEOUT
 
 SIM = "start sim_node in ROS_DOMAIN_ID {domain}"
 ALONE = {
@@ -63,7 +63,7 @@ def await_said(running: dict[str, Child], said: dict[str, str]) -> None:
             name for name, child in running.items() if not any(said[name] in line for line in list(child.last_lines))
         ]
 
-    deadline = time.monotonic() + PATIENCE
+    deadline = time.monotonic() + WAIT_TIMEOUT
     while missing():
         lines = {name: list(running[name].last_lines) for name in missing()}
         assert time.monotonic() < deadline, lines

@@ -12,7 +12,7 @@ from rled_msgs_py.processes import Children, program
 from std_srvs.srv import SetBool
 
 EPISODES = 3
-PATIENCE = 60.0
+WAIT_TIMEOUT = 60.0
 
 
 def command(*arguments: object) -> list[str]:
@@ -21,7 +21,7 @@ def command(*arguments: object) -> list[str]:
 
 def watched(output: Path, *arguments: object) -> list[dict[str, Any]]:
     """The episodes that the command has seen."""
-    subprocess.run(command("--episodes", EPISODES, "--output", output, *arguments), check=True, timeout=PATIENCE)
+    subprocess.run(command("--episodes", EPISODES, "--output", output, *arguments), check=True, timeout=WAIT_TIMEOUT)
     assert (output / "paths.png").read_bytes()[:4] == b"\x89PNG"
     report = json.loads((output / "episodes.json").read_text())
     assert report["episodes"] == len(report["each"]) == EPISODES
@@ -56,7 +56,7 @@ def test_a_refused_reset_is_said(driven, tmp_path: Path) -> None:
     driven.call(SetBool, "sim/estop", data=True)
     try:
         done = subprocess.run(
-            command("--seed", 1, "--output", tmp_path), capture_output=True, text=True, timeout=PATIENCE
+            command("--seed", 1, "--output", tmp_path), capture_output=True, text=True, timeout=WAIT_TIMEOUT
         )
     finally:
         driven.call(SetBool, "sim/estop", data=False)
@@ -71,6 +71,6 @@ def test_interrupted_while_no_simulation_answers_it_ends(observer, tmp_path: Pat
         nodes = observer.node.get_node_names_and_namespaces
         observer.wait(lambda: ("watch_episodes", "/nobody") in nodes(), "the command")
         process.send_signal(signal.SIGINT)
-        assert process.wait(timeout=PATIENCE) == 130
+        assert process.wait(timeout=WAIT_TIMEOUT) == 130
         assert process.stderr is not None
         assert process.stderr.read().splitlines()[-1] == "interrupted"

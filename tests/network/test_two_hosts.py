@@ -16,7 +16,7 @@ import pytest
 from rled_msgs_py.processes import program
 
 ADDRESS = "10.77.{}.{}"
-PATIENCE = 60.0
+WAIT_TIMEOUT = 60.0
 STILL = 0.2
 """Seconds without motion that count as holding still; a tick is 20 ms."""
 
@@ -107,7 +107,7 @@ class Motion:
         return seen - moved > STILL > time.monotonic() - seen
 
     def wait(self, done: Callable[[], bool], what: str) -> None:
-        deadline = time.monotonic() + PATIENCE
+        deadline = time.monotonic() + WAIT_TIMEOUT
         while not done():
             assert time.monotonic() < deadline, f"waited in vain for {what}"
             time.sleep(0.01)

@@ -4,8 +4,8 @@ import json
 import time
 
 from rclpy.node import Node
-from rled_msgs_py.node import fresh_context, spin, subscribe
 from rled_msgs_py.records import JointSample
+from rled_msgs_py.ros.node import fresh_context, spin, subscribe
 from rled_msgs_py.stopping import stop_requested
 from rled_msgs_py.topics import JOINT_STATES
 

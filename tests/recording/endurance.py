@@ -20,7 +20,7 @@ from rled_msgs_py.bags import Bag
 from rled_msgs_py.processes import program
 
 PAGE = os.sysconf("SC_PAGE_SIZE")
-MOST_DRIFT = 0.05
+MAX_DRIFT = 0.05
 
 
 def memory(process: int) -> int:
@@ -78,7 +78,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         figures = measure(seconds, Path(folder))
     print(json.dumps(figures, indent=2))
-    sys.exit(any(figures["lost"].values()) or figures["memory_drift_after_first_minute"] >= MOST_DRIFT)
+    sys.exit(any(figures["lost"].values()) or figures["memory_drift_after_first_minute"] >= MAX_DRIFT)
 
 
 if __name__ == "__main__":

@@ -22,15 +22,15 @@ from load import FIVE, PERIOD, shared, start_publishing
 from mcap.reader import make_reader
 from rled_msgs_py.bags import Bag, repair
 from rled_msgs_py.bags.header import stamp_of
-from rled_msgs_py.node import run_node
-from rled_teleop.record_demos import record
-from rled_teleop.record_params import RecordParams
-from rled_teleop.recorder import Recorder
+from rled_msgs_py.ros.node import run_node
+from rled_teleop.nodes.record_demos import record
+from rled_teleop.nodes.recorder import Recorder
+from rled_teleop.recording.params import RecordParams
 from rosbags.rosbag2 import Reader
 
 LIMIT = 0.050
-PATIENCE = 30.0
-MOST = 3_600_000
+WAIT_TIMEOUT = 30.0
+MAX_MESSAGES = 3_600_000
 
 
 class Loss(NamedTuple):
@@ -119,7 +119,7 @@ def kill_one(bag: Path, after: float, published: np.ndarray) -> Loss | None:
     """Record, kill ``after`` seconds of recording, repair, read; None when the recorder has not joined the graph."""
     received = shared(len(FIVE), len(published))
     child = record_until_killed(bag, received)
-    deadline = time.monotonic() + PATIENCE
+    deadline = time.monotonic() + WAIT_TIMEOUT
     while not received[-1].any():
         if time.monotonic() > deadline:
             end(child)
@@ -137,7 +137,7 @@ def kill_one(bag: Path, after: float, published: np.ndarray) -> Loss | None:
 def measure(kills: int, seed: int) -> dict[str, Any]:
     """Kill recorders one after another."""
     generator, losses = np.random.default_rng(seed), list[Loss]()
-    published = shared(MOST)
+    published = shared(MAX_MESSAGES)
     load = start_publishing(published)
     try:
         while len(losses) < kills:
@@ -147,7 +147,7 @@ def measure(kills: int, seed: int) -> dict[str, Any]:
             if loss is None:
                 print("a recorder did not join the graph in time; not counted, a new publisher is started", flush=True)
                 end(load)
-                published = shared(MOST)
+                published = shared(MAX_MESSAGES)
                 load = start_publishing(published)
                 continue
             losses.append(loss)

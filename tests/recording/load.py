@@ -9,10 +9,10 @@ from dataclasses import replace
 
 import numpy as np
 import rclpy
-from rled_msgs_py.convert import MESSAGE_CLASSES, qos_profile, to_msg
 from rled_msgs_py.messages import encode
-from rled_msgs_py.node import advertise
 from rled_msgs_py.records import DeltaCommand, JointSample, PoseSample, TaskStatus, Text
+from rled_msgs_py.ros.convert import MESSAGE_CLASSES, qos_profile, to_msg
+from rled_msgs_py.ros.node import advertise
 from rled_msgs_py.topics import (
     EE_POSE,
     JOINT_DELTA,

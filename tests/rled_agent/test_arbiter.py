@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rled_agent.deploy.arbiter import Arbiter, ArbiterSettings, Situation
 from rled_agent.deploy.piloting import Proposal
-from rled_msgs_py.limits import Limits
 from rled_msgs_py.records import Actor, GateCode, Level
-from rled_sim.limits import Guard
+from rled_msgs_py.task_limits import Limits
+from rled_sim.motion_guard import Guard
 from rled_sim.robots import ROBOTS
 from rled_sim.tasks import reach_task
 

@@ -15,7 +15,7 @@ from rled_agent.methods.mc_rled import MCRLED
 from rled_agent.methods.td3 import TD3
 from rled_agent.training.config import Schedule, TrainConfig
 from rled_msgs_py.errors import ContractError, RledError
-from rled_msgs_py.kinds import Range
+from rled_msgs_py.validation import Range
 
 
 def changed(settings, name: str, value: object):

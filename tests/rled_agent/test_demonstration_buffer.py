@@ -151,7 +151,7 @@ def record(path: Path, targets: int, reward: str, motions: int) -> Paid:
         def tick(number: int, reward: float, terminated: bool, delta: np.ndarray | None) -> None:
             nonlocal stamp
             stamp, episode = stamp + task.period, simulation.episode
-            world = simulation.world
+            world = simulation.plant
             q, position, target = (np.array(each) for each in (world.q, world.position, episode.target))
             bag.write(topics.JOINT_STATES, JointSample(stamp, task.joint_names, q, np.zeros(2)))
             bag.write(topics.EE_POSE, PoseSample(stamp, task.frame, position))
@@ -189,7 +189,7 @@ def _wanted(simulation, turn: bool) -> Iterator[np.ndarray]:
     if turn:
         yield from np.array([[0.1, 0.0], [0.1, -0.02], [0.05, 0.05], [-0.1, 0.0]])
     goal = solve_position(PLANAR.chain, simulation.episode.target, PLANAR.home, PLANAR.lower, PLANAR.upper)
-    q = np.array(simulation.world.q)
+    q = np.array(simulation.plant.q)
     for _, delta in demonstrated_motion(q, goal, simulation.task.description.max_delta):
         yield delta
 

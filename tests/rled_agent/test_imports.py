@@ -134,7 +134,7 @@ def test_ros_is_imported_by_nodes_alone():
 def test_nothing_imports_pybullet_or_the_world():
     for name, path in MODULES.items():
         assert "pybullet" not in {part_of(each) for each in imported_by(name)}, name
-        assert "rled_sim.world" not in path.read_text(), name
+        assert "rled_sim.bullet" not in path.read_text(), name
 
 
 def test_no_module_loads_a_pickle():

@@ -125,4 +125,4 @@ def test_episodes_start_where_the_demonstrations_do(inputs):
         starts = {tuple(row) for row in inputs.demonstrations.starts.round(9).tolist()}
         for seed in range(5):
             run.trainer.env.reset(seed=seed)
-            assert tuple(np.round(run.trainer.env.unwrapped.simulation.world.q, 9).tolist()) in starts
+            assert tuple(np.round(run.trainer.env.unwrapped.simulation.plant.q, 9).tolist()) in starts

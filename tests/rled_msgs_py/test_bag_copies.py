@@ -129,7 +129,7 @@ def test_merged_bags_hold_all_messages_with_stamps_that_grow(three, tmp_path):
     assert found.faults == []
     assert [episode.number for episode in found.episodes] == list(range(6))
     assert [quality[:4] for quality in found.qualities] == [quality[:4] for quality in one.qualities * 2]
-    assert (found.line.q[:25] == found.line.q[25:]).all()
+    assert (found.timeline.q[:25] == found.timeline.q[25:]).all()
 
 
 def test_merging_keeps_what_is_discarded_and_who_drove(tmp_path):

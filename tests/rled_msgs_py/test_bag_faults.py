@@ -53,7 +53,7 @@ def test_a_restarted_simulation_is_stamps_going_backwards(tmp_path):
     assert (fault.kind, set(fault.topics)) == (NO_ORDER, {*STATES, "joint_delta"})
     assert fault.what == "the stamp falls back by 0.780 s"
     assert found.seconds(fault.first) == pytest.approx(39 * 0.02)
-    assert len(found.line.moments) == 70
+    assert len(found.timeline.moments) == 70
 
 
 def test_a_clock_set_back_while_the_steps_go_on_is_a_clock_jump(tmp_path):

@@ -56,7 +56,7 @@ def reviewed(path, found):
 
 
 def reached(found):
-    return [leg.reached for each in found.episodes for leg in each.legs]
+    return [segment.reached for each in found.episodes for segment in each.segments]
 
 
 def with_holds(rows, counts):

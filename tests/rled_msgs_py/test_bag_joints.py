@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from rled_msgs_py.bags import Bag, BagWriter, review
 from rled_msgs_py.bags.faults import INVALID, RENAMED, TWO_PUBLISHERS
-from rled_msgs_py.bags.timeline import timeline
 from rled_msgs_py.messages import encode
 from rled_msgs_py.records import JointSample
 
@@ -70,10 +69,10 @@ def test_the_states_are_those_of_the_robot_and_no_fault_is_found(tmp_path, state
     bag = written(tmp_path / "bag", states_of)
     found = review(bag)
     assert found.faults == []
-    assert found.line.moments.tolist() == [k * PERIOD for k in range(TICKS)]
-    np.testing.assert_array_equal(found.line.q, [q(k) for k in range(TICKS)])
-    assert [each.stamp for each in bag.ticks()] == found.line.moments.tolist()
-    np.testing.assert_array_equal([each.joints.position for each in bag.ticks()], found.line.q)
+    assert found.timeline.moments.tolist() == [k * PERIOD for k in range(TICKS)]
+    np.testing.assert_array_equal(found.timeline.q, [q(k) for k in range(TICKS)])
+    assert [each.stamp for each in bag.ticks()] == found.timeline.moments.tolist()
+    np.testing.assert_array_equal([each.joints.position for each in bag.ticks()], found.timeline.q)
 
 
 def test_halves_with_stamps_of_their_own_are_put_together_at_the_ticks(tmp_path):
@@ -83,8 +82,10 @@ def test_halves_with_stamps_of_their_own_are_put_together_at_the_ticks(tmp_path)
 
     found = review(written(tmp_path / "bag", states_of))
     assert found.faults == []
-    assert found.line.moments.tolist() == [k * PERIOD for k in range(1, TICKS)]  # at the first there is no elbow yet
-    np.testing.assert_array_equal(found.line.q, [[q(k)[0], q(k - 1)[1]] for k in range(1, TICKS)])
+    assert found.timeline.moments.tolist() == [
+        k * PERIOD for k in range(1, TICKS)
+    ]  # at the first there is no elbow yet
+    np.testing.assert_array_equal(found.timeline.q, [[q(k)[0], q(k - 1)[1]] for k in range(1, TICKS)])
 
 
 def test_a_half_that_stops_is_missing_as_soon_as_it_is_too_old(tmp_path):
@@ -93,7 +94,7 @@ def test_a_half_that_stops_is_missing_as_soon_as_it_is_too_old(tmp_path):
         return [sample(k, ("shoulder",), [q(k)[0]]), *late]
 
     found = review(written(tmp_path / "bag", states_of))
-    assert found.line.moments.tolist() == [k * PERIOD for k in range(1, 45)]  # 0.1 s after 39 ticks and 3 ms
+    assert found.timeline.moments.tolist() == [k * PERIOD for k in range(1, 45)]  # 0.1 s after 39 ticks and 3 ms
     (fault,) = found.faults
     assert (fault.kind, fault.first) == (RENAMED, 45 * PERIOD)
     assert fault.what == "message 85 is of shoulder: it lacks elbow (and 14 more)"
@@ -107,13 +108,13 @@ def test_a_joint_in_use_that_is_not_known_costs_its_moment(tmp_path, bad, place)
     assert (fault.kind, fault.topics) == (INVALID, ("joint_states",))
     assert (fault.first, fault.last) == (place * PERIOD, place * PERIOD)
     assert fault.what == f"message {place} is not valid: elbow is at {bad}"
-    assert len(found.line.moments) == TICKS - 1
+    assert len(found.timeline.moments) == TICKS - 1
 
 
 def test_faults_far_from_each_other_are_told_apart(tmp_path):
     found = review(written(tmp_path / "bag", lambda k: [sample(k, position=[NAN, 0.0] if k in (5, 6, 50) else None)]))
     assert [(fault.first // PERIOD, fault.last // PERIOD) for fault in found.faults] == [(5, 6), (50, 50)]
-    assert len(found.line.moments) == TICKS - 3
+    assert len(found.timeline.moments) == TICKS - 3
 
 
 def test_a_half_that_is_not_known_costs_its_moment(tmp_path):
@@ -122,7 +123,7 @@ def test_a_half_that_is_not_known_costs_its_moment(tmp_path):
     )
     found = review(bag)
     assert [fault.kind for fault in found.faults] == [INVALID]
-    assert len(found.line.moments) == TICKS - 1
+    assert len(found.timeline.moments) == TICKS - 1
 
 
 def test_one_joint_from_two_publishers_is_found_in_halves_too(tmp_path):
@@ -142,12 +143,13 @@ def test_a_message_that_cannot_be_read_costs_its_moment(tmp_path):
     found = review(Bag(path))
     (fault,) = found.faults
     assert (fault.kind, fault.first) == (INVALID, 20 * PERIOD)
-    assert len(found.line.moments) == TICKS - 1
+    assert len(found.timeline.moments) == TICKS - 1
 
 
 def test_a_robot_that_lacks_a_joint_altogether_is_refused(tmp_path):
+    from rled_msgs_py.bags.timeline import read_timeline
     from rled_msgs_py.errors import ContractError
 
     bag = written(tmp_path / "bag", lambda k: [sample(k, ("shoulder", "wrist"), [0.1, 0.2])])
     with pytest.raises(ContractError, match="joint_states names shoulder, wrist; accepted: shoulder, elbow"):
-        timeline(bag)
+        read_timeline(bag)

@@ -44,7 +44,7 @@ RESTARTS = {
     "the description comes before the first tick": [*BEFORE, *robot(URDF), *told(OTHER), *AFTER],
     "the description comes after the first ticks": [*BEFORE, *AFTER[:15], *told(OTHER), *AFTER[15:]],
     "the description is filed before the last tick": [*BEFORE[:-5], *told(OTHER), *BEFORE[-5:], *AFTER],
-    "the old description comes once more": [*BEFORE[:99], *told(TASK), *BEFORE[99:], *told(OTHER), *AFTER],
+    "the old description comes again": [*BEFORE[:99], *told(TASK), *BEFORE[99:], *told(OTHER), *AFTER],
     "a stray one comes before": [*BEFORE[:99], *told(STRAY), *BEFORE[99:], *told(OTHER), *AFTER],
 }
 

@@ -128,7 +128,7 @@ def test_with_events_an_episode_is_what_they_say(tmp_path):
     more, k, q = ticks(STRAIGHT, k, 0, 2, q, (0.1, 0.1))
     found = reviewed(tmp_path, first + second + more + told)
     one, two = found.episodes
-    assert (one.number, one.kept, one.operator, one.outcome, len(one.legs)) == (4, True, "ada", "fine", 2)
+    assert (one.number, one.kept, one.operator, one.outcome, len(one.segments)) == (4, True, "ada", "fine", 2)
     assert (two.number, two.kept, two.first, two.last) == (5, False, 17 * PERIOD, 20 * PERIOD)
     assert found.qualities[0].reached == 1.0
     assert discarded(Bag(tmp_path / "bag")) == [(17 * PERIOD, 20 * PERIOD)]

@@ -7,12 +7,12 @@ from dataclasses import replace
 import pytest
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rled_msgs_py.command_output import CommandOutput
-from rled_msgs_py.node import fresh_context, spin_until, subscribe
 from rled_msgs_py.records import DeltaCommand
+from rled_msgs_py.ros.command_output import CommandOutput
+from rled_msgs_py.ros.node import fresh_context, spin_until, subscribe
 from rled_msgs_py.topics import JOINT_DELTA, Qos
 
-PATIENCE = 20.0
+WAIT_TIMEOUT = 20.0
 
 
 class Robot:
@@ -35,7 +35,7 @@ class Robot:
         self.output.publish(DeltaCommand(stamp, ("a",), (0.0,)))
 
     def spin_until(self, done: Callable[[], bool]) -> None:
-        spin_until(self.executor, done, PATIENCE, "the test")
+        spin_until(self.executor, done, WAIT_TIMEOUT, "the test")
 
 
 @pytest.fixture
@@ -50,7 +50,7 @@ def robot(ros_domain: int) -> Iterator[Robot]:
 
 def await_match(robot: Robot) -> None:
     """The writer knows the reader; the node that writes has not been told so yet, since nothing spins it."""
-    deadline = time.monotonic() + PATIENCE
+    deadline = time.monotonic() + WAIT_TIMEOUT
     while not robot.output.publisher.get_subscription_count():
         assert time.monotonic() < deadline
         time.sleep(0.001)

@@ -13,20 +13,20 @@ from rled_msgs_py.environment import (
     settle_log,
 )
 from rled_msgs_py.errors import RledError
-from rled_msgs_py.node import start_ros
+from rled_msgs_py.ros.node import start_ros
 
 
-@pytest.mark.parametrize("given", ["0", "7", "007", "101", ""])
-def test_a_domain_is_taken(monkeypatch: pytest.MonkeyPatch, given: str) -> None:
-    monkeypatch.setenv("ROS_DOMAIN_ID", given)
-    require_domain()
-
-
-@pytest.mark.parametrize("given", ["102", "abc", "³", "٣", "-1", "+1", "1e1", " 5", "5 ", "5.0", "0x5", "9" * 5000])
-def test_what_is_no_domain_is_one_line(monkeypatch: pytest.MonkeyPatch, given: str) -> None:
-    monkeypatch.setenv("ROS_DOMAIN_ID", given)
-    with pytest.raises(RledError, match=r"ROS_DOMAIN_ID is .*; accepted: 0 to 101"):
+def test_a_domain_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    for given in ["0", "7", "007", "101", ""]:
+        monkeypatch.setenv("ROS_DOMAIN_ID", given)
         require_domain()
+
+
+def test_what_is_no_domain_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    for given in ["102", "abc", "³", "٣", "-1", "+1", "1e1", " 5", "5 ", "5.0", "0x5", "9" * 5000]:
+        monkeypatch.setenv("ROS_DOMAIN_ID", given)
+        with pytest.raises(RledError, match=r"ROS_DOMAIN_ID is .*; accepted: 0 to 101"):
+            require_domain()
 
 
 def test_a_range_of_discovery_that_ros_does_not_know_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -130,9 +130,8 @@ def test_a_parameter_file_that_is_no_text_is_refused_before_ros_reads_it(
         require_parameter_files(["sim", "--ros-args", "--params-file", str(path)])
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
+def test_what_ros_does_not_take_is_one_line() -> None:
+    for arguments in [
         ["-p", "x"],
         ["-p", "robot:=["],
         ["-p", "robot:=\udcff"],
@@ -142,13 +141,10 @@ def test_a_parameter_file_that_is_no_text_is_refused_before_ros_reads_it(
         ["--unknown"],
         ["--params-file"],
         ["--enclave", "x", "y"],
-    ],
-    ids=" ".join,
-)
-def test_what_ros_does_not_take_is_one_line(arguments: list[str]) -> None:
-    with pytest.raises(RledError, match=r"ROS does not start: .*") as caught:
-        start_ros(["node", "--ros-args", *arguments], Context())
-    assert "/src/" not in str(caught.value)
+    ]:
+        with pytest.raises(RledError, match=r"ROS does not start: .*") as caught:
+            start_ros(["node", "--ros-args", *arguments], Context())
+        assert "/src/" not in str(caught.value)
 
 
 def test_a_parameter_file_that_is_gone_is_an_error_of_the_system(tmp_path: Path) -> None:

@@ -14,11 +14,11 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
-from rled_msgs_py.convert import qos_profile, to_msg
 from rled_msgs_py.errors import ContractError, RledError
-from rled_msgs_py.node import advertise, declare, fresh_context, spin_until, subscribe, subscribe_ticks
 from rled_msgs_py.params import param
 from rled_msgs_py.records import DeltaCommand, PoseSample
+from rled_msgs_py.ros.convert import qos_profile, to_msg
+from rled_msgs_py.ros.node import advertise, declare, fresh_context, spin_until, subscribe, subscribe_ticks
 from rled_msgs_py.topics import EE_POSE, JOINT_DELTA, Topic
 from sensor_msgs.msg import JointState
 
@@ -179,7 +179,7 @@ PROGRAM = """
 import time
 from dataclasses import dataclass
 from rclpy.node import Node
-from rled_msgs_py.node import declare, run_node
+from rled_msgs_py.ros.node import declare, run_node
 from rled_msgs_py.params import param
 
 @dataclass(frozen=True)
@@ -207,14 +207,14 @@ def start(*arguments, **environment):
     return subprocess.Popen(command, env=os.environ | environment, **pipes)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_node_ends_cleanly_on_a_signal(number):
-    with start("--rate", "25") as process:
-        assert process.stdout.readline() == "Params(rate=25.0)\n"
-        process.send_signal(number)
-        _, errors = process.communicate(timeout=30)
-    assert process.returncode == 0
-    assert "Traceback" not in errors
+def test_a_node_ends_cleanly_on_a_signal():
+    for number in [signal.SIGINT, signal.SIGTERM]:
+        with start("--rate", "25") as process:
+            assert process.stdout.readline() == "Params(rate=25.0)\n"
+            process.send_signal(number)
+            _, errors = process.communicate(timeout=30)
+        assert process.returncode == 0
+        assert "Traceback" not in errors
 
 
 def test_a_node_that_is_asked_twice_saves_to_the_end():
@@ -228,23 +228,20 @@ def test_a_node_that_is_asked_twice_saves_to_the_end():
     assert (process.returncode, output, errors) == (0, "saved\n", "")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "environment", "offender"),
-    [
+def test_a_bad_start_is_one_line_and_exit_2():
+    for arguments, environment, offender in [
         (["--rate", "0"], {}, "rate is 0.0; accepted: 1.0 to 1000.0"),
         (["--speed", "1"], {}, "--speed"),
         (["--ros-args", "-p", "rate:=0.5"], {}, "rate"),
         (["--ros-args", "-p", "rate:=fast"], {}, "rate"),
         ([], {"ROS_DOMAIN_ID": "500"}, "ROS_DOMAIN_ID is '500'; accepted: 0 to 101"),
-    ],
-)
-def test_a_bad_start_is_one_line_and_exit_2(arguments, environment, offender):
-    with start(*arguments, **environment) as process:
-        output, errors = process.communicate(timeout=30)
-    assert process.returncode == 2
-    assert output == ""
-    assert len(errors.splitlines()) == 1
-    assert offender in errors
+    ]:
+        with start(*arguments, **environment) as process:
+            output, errors = process.communicate(timeout=30)
+        assert process.returncode == 2
+        assert output == ""
+        assert len(errors.splitlines()) == 1
+        assert offender in errors
 
 
 def test_pose_keeps_its_frame(graph):

@@ -48,11 +48,11 @@ def test_a_folder_in_the_place_of_a_file_is_named(tmp_path):
         require_output(tmp_path, "curve.csv", "summary.json")
 
 
-@pytest.mark.parametrize("folder", ["/proc/1/out", "/sys/out", "/dev/null/out", "x" * 300, "out/" + "y" * 5000])
-def test_what_cannot_be_written_into_is_one_line(folder):
-    with pytest.raises(RledError, match=SAID) as caught:
-        require_output(Path(folder))
-    assert "\n" not in str(caught.value)
+def test_what_cannot_be_written_into_is_one_line():
+    for folder in ["/proc/1/out", "/sys/out", "/dev/null/out", "x" * 300, "out/" + "y" * 5000]:
+        with pytest.raises(RledError, match=SAID) as caught:
+            require_output(Path(folder))
+        assert "\n" not in str(caught.value)
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")

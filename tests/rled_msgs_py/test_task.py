@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from rled_msgs_py.errors import ContractError
-from rled_msgs_py.limits import NO_LIMITS, Limits, Zone
 from rled_msgs_py.task import TaskDescription
+from rled_msgs_py.task_limits import NO_LIMITS, Limits, Zone
 
 from .samples import TASK, TEXTS
 
@@ -55,25 +55,23 @@ DEEP = TASK.to_json().replace('"axes": [0, 1]', '"axes": ' + "[" * 800 + "]" * 8
 """JSON that can be read, but nested deeper than it can be looked at."""
 
 
-@pytest.mark.parametrize("text", ["", "{", "nonsense", "[" * 100_000, DEEP])
-def test_text_that_is_no_json_is_refused(text):
-    with pytest.raises(ContractError, match=r"the task description is (no JSON|nested too deeply)"):
-        TaskDescription.from_json(text)
+def test_text_that_is_no_json_is_refused():
+    for text in ["", "{", "nonsense", "[" * 100_000, DEEP]:
+        with pytest.raises(ContractError, match=r"the task description is (no JSON|nested too deeply)"):
+            TaskDescription.from_json(text)
 
 
-@pytest.mark.parametrize("text", ["[]", "{}", "3", "null", json.dumps(asdict(TASK) | {"colour": "red"})])
-def test_other_fields_are_refused(text):
-    with pytest.raises(ContractError, match="has other fields; accepted: robot, task"):
-        TaskDescription.from_json(text)
+def test_other_fields_are_refused():
+    for text in ["[]", "{}", "3", "null", json.dumps(asdict(TASK) | {"colour": "red"})]:
+        with pytest.raises(ContractError, match="has other fields; accepted: robot, task"):
+            TaskDescription.from_json(text)
 
 
-@pytest.mark.parametrize("field", [each.name for each in fields(TaskDescription)])
-@pytest.mark.parametrize(
-    "value", [None, True, {}, [None], [[1]], float("nan"), 10**400, [10**400]], ids=lambda v: str(v)[:9]
-)
-def test_a_wrong_kind_of_value_is_refused_naming_the_field(field, value):
-    with pytest.raises(ContractError, match=field):
-        TaskDescription.from_json(json.dumps(asdict(TASK) | {field: value}))
+def test_a_wrong_kind_of_value_is_refused_naming_the_field():
+    for value in [None, True, {}, [None], [[1]], float("nan"), 10**400, [10**400]]:
+        for field in [each.name for each in fields(TaskDescription)]:
+            with pytest.raises(ContractError, match=field):
+                TaskDescription.from_json(json.dumps(asdict(TASK) | {field: value}))
 
 
 WRONG = {
@@ -94,10 +92,10 @@ WRONG = {
 }
 
 
-@pytest.mark.parametrize(("field", "value"), WRONG.items())
-def test_a_value_that_makes_no_task_is_refused(field, value):
-    with pytest.raises(ContractError, match=field):
-        TaskDescription.from_json(json.dumps(asdict(TASK) | {field: value}))
+def test_a_value_that_makes_no_task_is_refused():
+    for field, value in WRONG.items():
+        with pytest.raises(ContractError, match=field):
+            TaskDescription.from_json(json.dumps(asdict(TASK) | {field: value}))
 
 
 def test_bounds_the_wrong_way_round_are_refused():
@@ -148,14 +146,15 @@ def test_observations_within_workspace_and_limits_are_within_the_bounds(shares):
         assert (x <= upper + 1e-12).all()
 
 
-@pytest.mark.parametrize(
-    "other",
-    [{"robot": "panda"}, {"joint_names": ("a", "b")}, {"observation": "displacement_and_joints"}, {"max_delta": 0.2}],
-    ids=lambda other: next(iter(other)),
-)
-def test_another_robots_description_is_refused_naming_the_field(other):
-    with pytest.raises(ContractError, match=f"the bag is for {next(iter(other))}"):
-        TASK.require_same_robot(replace(TASK, **other), "the bag")
+def test_another_robots_description_is_refused_naming_the_field():
+    for other in [
+        {"robot": "panda"},
+        {"joint_names": ("a", "b")},
+        {"observation": "displacement_and_joints"},
+        {"max_delta": 0.2},
+    ]:
+        with pytest.raises(ContractError, match=f"the bag is for {next(iter(other))}"):
+            TASK.require_same_robot(replace(TASK, **other), "the bag")
 
 
 def test_another_reward_is_the_same_robot():
@@ -197,9 +196,8 @@ def test_json_of_before_there_were_limits_is_read_as_having_none():
     assert TASK.limits == NO_LIMITS
 
 
-@pytest.mark.parametrize(
-    ("limits", "said"),
-    [
+def test_limits_that_make_no_sense_are_refused():
+    for limits, said in [
         ({"colour": 3}, "limits has other fields"),
         ({"velocity": [1.0]}, "velocity has 1 values; accepted: 2"),
         ({"velocity": [1.0, 0.0]}, "velocity"),
@@ -214,10 +212,7 @@ def test_json_of_before_there_were_limits_is_read_as_having_none():
         ({"keep_out": [{"shape": "sphere", "centre": [0, 0], "size": [1]}]}, "centre"),
         ({"keep_out": [{"shape": "cylinder", "centre": [0, 0, 0], "size": [1]}]}, "radius, height"),
         ({"keep_out": [{"shape": "sphere", "centre": [0, 0, 0], "size": [0]}]}, "more than 0"),
-    ],
-    ids=lambda value: str(value)[:40],
-)
-def test_limits_that_make_no_sense_are_refused(limits, said):
-    text = json.dumps(asdict(TASK) | {"limits": asdict(NO_LIMITS) | limits})
-    with pytest.raises(ContractError, match=said):
-        TaskDescription.from_json(text)
+    ]:
+        text = json.dumps(asdict(TASK) | {"limits": asdict(NO_LIMITS) | limits})
+        with pytest.raises(ContractError, match=said):
+            TaskDescription.from_json(text)

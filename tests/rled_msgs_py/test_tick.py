@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 from rled_msgs_py.records import JointSample, PoseSample, TaskStatus
-from rled_msgs_py.tick import MOST_WAITING, STATE_TOPICS, TickAssembler
+from rled_msgs_py.tick import MAX_WAITING, STATE_TOPICS, TickAssembler
 from rled_msgs_py.topics import EE_POSE, JOINT_STATES, TARGET_POSE, TASK_STATUS
 
 TOPICS = [topic.name for topic in STATE_TOPICS]
@@ -110,6 +110,6 @@ def test_a_restart_at_the_tick_that_was_waiting_is_a_new_tick():
 
 def test_a_missing_topic_does_not_fill_the_memory():
     assembler = TickAssembler()
-    for stamp in range(10 * MOST_WAITING):
+    for stamp in range(10 * MAX_WAITING):
         assembler.add(JOINT_STATES.name, record(JOINT_STATES.name, stamp))
-    assert len(assembler._parts) <= MOST_WAITING
+    assert len(assembler._parts) <= MAX_WAITING

@@ -5,14 +5,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from rled_msgs_py.errors import RledError
-from rled_msgs_py.limits import Limits, Zone
+from rled_msgs_py.task_limits import Limits, Zone
 from rled_msgs_py.records import DeltaCommand, PoseSample
+from rled_sim.bullet.world import World
 from rled_sim.commands import Code, Refused, displacement
 from rled_sim.driver import Driver, Rules
 from rled_sim.robots import ROBOTS
 from rled_sim.simulation import Simulation
 from rled_sim.tasks import reach_task
-from rled_sim.world import World
 
 NAMES = ("shoulder", "elbow")
 PERIOD = 20_000_000

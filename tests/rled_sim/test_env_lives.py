@@ -10,11 +10,11 @@ import gymnasium
 import numpy as np
 import pytest
 from rled_msgs_py.errors import RledError
-from rled_msgs_py.limits import Limits
+from rled_msgs_py.task_limits import Limits
+from rled_sim.bullet.world import World
 from rled_sim.envs import ReachEnv
 from rled_sim.faults import Faults
 from rled_sim.robots import ROBOTS
-from rled_sim.world import World
 
 import rled_sim  # noqa: F401
 
@@ -138,12 +138,12 @@ def test_motors_that_press_on_the_floor_are_copied_within_rounding():
 
 def test_what_has_a_window_or_is_closed_is_not_copied():
     env = ReachEnv("planar")
-    env.simulation.world._gui = True  # there is no display here
+    env.simulation.plant._gui = True  # there is no display here
     for way in WAYS.values():
         with pytest.raises(RledError, match="a world with a window is not copied"):
             way(env)
     env.close()
-    env.simulation.world._gui = False
+    env.simulation.plant._gui = False
     for way in WAYS.values():
         with pytest.raises(RledError, match="the environment is closed"):
             way(env)
@@ -175,14 +175,14 @@ def test_a_forked_process_has_an_environment_of_its_own():
     child = os.fork()
     if not child:
         env.step(np.full(2, 0.1))
-        os.write(writer, np.array(env.simulation.world.q).tobytes())
+        os.write(writer, np.array(env.simulation.plant.q).tobytes())
         env.close()
         os._exit(0)
     assert os.waitpid(child, 0)[1] == 0
     moved = np.frombuffer(os.read(reader, 16))
     np.testing.assert_allclose(moved, np.array(ROBOTS["planar"].home) + 0.1, atol=1e-12)
     env.step(np.full(2, -0.1))
-    np.testing.assert_allclose(env.simulation.world.q, np.array(ROBOTS["planar"].home) - 0.1, atol=1e-12)
+    np.testing.assert_allclose(env.simulation.plant.q, np.array(ROBOTS["planar"].home) - 0.1, atol=1e-12)
 
 
 def test_nothing_holds_an_environment_that_nobody_holds():
@@ -191,7 +191,7 @@ def test_nothing_holds_an_environment_that_nobody_holds():
         for options in OPTIONS:
             env = gymnasium.make(PLANAR, **options)
             env.reset(seed=0)
-            world = weakref.ref(env.unwrapped.simulation.world)
+            world = weakref.ref(env.unwrapped.simulation.plant)
             del env
             assert world() is None
     finally:

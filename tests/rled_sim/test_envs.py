@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 from rled_msgs_py.errors import RledError
-from rled_msgs_py.limits import Limits, Zone
+from rled_msgs_py.task_limits import Limits, Zone
 from rled_sim.robots import ROBOTS
 
 import rled_sim  # noqa: F401
@@ -70,7 +70,7 @@ def test_observation_equals_the_description_of_the_task(make, name):
     inside, task = env.unwrapped.simulation, env.unwrapped.task
     for _ in range(50):
         q, position, target = (
-            np.array(each) for each in (inside.world.q, inside.world.position, inside.episode.target)
+            np.array(each) for each in (inside.plant.q, inside.plant.position, inside.episode.target)
         )
         assert observation.tobytes() == task.observe(q, position, target).astype(np.float32).tobytes()
         assert env.observation_space.contains(observation)
@@ -214,7 +214,7 @@ def test_the_robot_is_not_sent_into_the_floor_where_collisions_are_limited(make,
     refused = []
     for _ in range(80):
         *_, info = env.step(np.array([0, 0.04, 0, 0, 0, 0, 0], np.float32))
-        world = env.unwrapped.simulation.world
+        world = env.unwrapped.simulation.plant
         assert world.touches(np.array(world.set_point)) == {}  # physics may carry the motors a little further
         refused.append(info.get("refused"))
     assert refused[0] is None

@@ -21,23 +21,23 @@ def imports(path):
             yield node.module.split(".")[0]
 
 
-@pytest.mark.parametrize(
-    "module", ["rled_sim", "rled_sim.kinematics", "rled_sim.robots", "rled_sim.tasks", "rled_sim.limits"]
-)
+@pytest.mark.parametrize("module", ["", ".kinematics", ".robots", ".tasks", ".motion_guard", ".driver"])
 def test_module_loads_neither_pybullet_nor_ros(module):
-    command = [sys.executable, "-c", LOADED.format(module)]
+    command = [sys.executable, "-c", LOADED.format(f"rled_sim{module}")]
     assert subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip() == ""
 
 
-def test_one_module_imports_pybullet():
-    assert [path.name for path in PACKAGE.glob("*.py") if "pybullet" in imports(path)] == ["world.py"]
+def test_one_folder_imports_pybullet():
+    assert {path.parent.name for path in PACKAGE.rglob("*.py") if "pybullet" in imports(path)} == {"bullet"}
 
 
-def test_only_the_node_and_its_markers_import_ros():
+def test_one_folder_imports_ros():
     ros = {"rclpy", "std_srvs", "std_msgs", "geometry_msgs", "visualization_msgs", "rosgraph_msgs", "sensor_msgs"}
-    assert {path.name for path in PACKAGE.glob("*.py") if ros & set(imports(path))} == {"sim_node.py", "markers.py"}
+    assert {path.parent.name for path in PACKAGE.rglob("*.py") if ros & set(imports(path))} == {"nodes"}
 
 
 def test_importing_the_world_prints_nothing():
-    done = subprocess.run([sys.executable, "-c", "import rled_sim.world"], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", "import rled_sim.bullet.world"], capture_output=True, text=True, check=True
+    )
     assert done.stdout + done.stderr == ""

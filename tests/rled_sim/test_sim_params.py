@@ -2,7 +2,7 @@
 
 import pytest
 from rled_msgs_py.errors import RledError
-from rled_msgs_py.limits import NO_LIMITS, Zone
+from rled_msgs_py.task_limits import NO_LIMITS, Zone
 from rled_sim.robots import ROBOTS
 from rled_sim.sim_params import SimParams, limits_of
 

@@ -33,8 +33,8 @@ def test_episodes_start_at_the_points_of_the_bag(tmp_path):
     rng, seen = np.random.default_rng(0), set()
     for _ in range(50):
         simulation.reset(rng)
-        seen.add(tuple(simulation.world.q))
-    simulation.world.close()
+        seen.add(tuple(simulation.plant.q))
+    simulation.plant.close()
     assert seen == set(map(tuple, POINTS.tolist()))
 
 
@@ -55,6 +55,6 @@ def test_missing_bag_is_refused(tmp_path):
 
 def test_parameters_make_the_task():
     simulation = simulation_of(SimParams(robot="planar", reward="sparse", targets_per_episode=0, period=0.01))
-    simulation.world.close()
+    simulation.plant.close()
     task = simulation.task.description
     assert (task.reward, task.targets_per_episode, task.max_steps, task.period) == ("sparse", 0, 100, 10_000_000)

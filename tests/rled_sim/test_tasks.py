@@ -4,14 +4,16 @@ from dataclasses import replace
 import gymnasium
 import numpy as np
 import pytest
+import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from rled_msgs_py.errors import ContractError
 from rled_sim.envs import ReachEnv
+from rled_sim.episode_state import Episode
 from rled_sim.kinematics import solve_position
 from rled_sim.robots import ROBOTS
 from rled_sim.sim_params import SimParams
-from rled_sim.tasks import Episode, panda_risk, planar_risk, reach_task, squared_distance
+from rled_sim.tasks import panda_risk, planar_risk, reach_task, squared_distance, task_of_description
 
 from rled_sim import ENVIRONMENTS
 
@@ -164,6 +166,59 @@ def test_home_and_every_target_are_safe():
         assert not risk(robot.home, tuple(robot.chain.position(robot.home)))
     for x, y, _ in reach_task(PLANAR).targets:
         assert 0.40 < math.hypot(x, y) < 0.95
+
+
+@pytest.mark.parametrize("name", ENVIRONMENTS)
+@pytest.mark.parametrize("reward", ["dense", "sparse"])
+def test_states_judged_together_have_the_rewards_of_their_steps(name, reward):
+    robot = ROBOTS[name]
+    env = ReachEnv(name, reward=reward, max_steps=0, targets_per_episode=0)
+    env.reset(seed=3)
+    simulation, rng = env.simulation, np.random.default_rng(4)
+    rows, goals = [], simulation.task.targets
+    for k in range(600):
+        if k % 100 == 0:  # so that some targets are reached
+            env.simulation.episode.target = tuple(robot.chain.position(np.add(simulation.plant.q, 0.02)).tolist())
+        elif k % 100 > 50:
+            env.simulation.episode.target = tuple(goals[k].tolist()) if k < len(goals) else (0.5, 0.0, 0.1)
+        target = simulation.episode.target
+        before = simulation.episode.targets_reached
+        drift = (k // 100 % 3 - 1) * 0.6 * robot.max_delta  # far enough to states that are risky
+        action = rng.uniform(-robot.max_delta, robot.max_delta, len(robot.home)) + drift
+        _, paid, *_, info = env.step(action)
+        reached = simulation.episode.targets_reached > before
+        rows.append((simulation.plant.q, simulation.plant.position, target, paid, reached, info["risky"]))
+    q, position, target, paid, reached, risky = map(np.array, zip(*rows, strict=True))
+    assert reached.any()
+    assert risky.any() or name == "panda"
+    assert not risky.all()
+    assert [each.tolist() for each in simulation.task.judge(q, position, target)] == [
+        paid.tolist(),
+        reached.tolist(),
+        risky.tolist(),
+    ]
+    tensors = simulation.task.judge(*map(torch.from_numpy, (q, position, target)))
+    np.testing.assert_allclose(tensors.reward.numpy(), paid, rtol=1e-12)
+    env.close()
+
+
+def test_the_task_of_a_description_has_its_settings():
+    description = reach_task(PLANAR, reward="sparse", max_steps=7).description
+    task = task_of_description(description)
+    assert task.description == description
+    assert (task.penalty, task.risky) == (1.0, planar_risk)
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"robot": "ur5"}, "robot 'ur5' has no task; accepted: a robot that has one: panda, planar"),
+        ({"joint_names": ("elbow", "shoulder")}, "'planar' with the joints elbow, shoulder; accepted: shoulder, elbow"),
+    ],
+)
+def test_the_task_of_a_description_of_no_such_robot_is_refused(changed, said):
+    with pytest.raises(ContractError, match=said):
+        task_of_description(replace(reach_task(PLANAR).description, **changed))
 
 
 def test_targets_are_drawn_evenly():

@@ -5,8 +5,9 @@ import numpy as np
 import pybullet
 import pytest
 from rled_msgs_py.errors import RledError
+from rled_sim.bullet.world import World
+from rled_sim.plant import Contact
 from rled_sim.robots import ROBOTS
-from rled_sim.world import Contact, World
 
 PERIOD = 0.02
 
@@ -54,8 +55,8 @@ def test_velocity_is_the_displacement_over_the_period(world):
 @both
 def test_placed_robot_is_at_rest_wherever_it_was(world):
     world.move([0.04] * len(world.q))
-    world.place(world.home)
-    assert world.q == world.home
+    world.place(list(world.robot.home))
+    assert world.q == list(world.robot.home)
     assert world.velocity == [0.0] * len(world.q)
 
 
@@ -77,7 +78,9 @@ def test_only_what_touches_is_reported(world):
 @panda
 def test_contact_begins_where_the_distance_ends(world):
     def distance():
-        points = pybullet.getClosestPoints(world._body, world._floor, 0.2, physicsClientId=world._client)
+        points = pybullet.getClosestPoints(
+            world._body.number, world._body.floor, 0.2, physicsClientId=world._client.number
+        )
         return min((point[8] for point in points if point[3] >= 0), default=1.0)
 
     pose = [0.0, 1.2, 0.0, -0.9, 0.0, 1.5, 0.785]
@@ -99,7 +102,7 @@ def test_folded_arm_touches_itself(world):
 def test_motors_hold_against_gravity(world):
     for _ in range(100):
         world.move([0.0] * 7)
-    np.testing.assert_allclose(world.q, world.home, atol=1e-3)
+    np.testing.assert_allclose(world.q, list(world.robot.home), atol=1e-3)
 
 
 @motors
@@ -109,7 +112,7 @@ def test_motors_follow_the_displacements(world):
         world.move(delta)
     for _ in range(20):
         world.move([0.0] * 7)
-    np.testing.assert_allclose(world.q, np.add(world.home, np.multiply(delta, 20)), atol=0.01)
+    np.testing.assert_allclose(world.q, np.add(list(world.robot.home), np.multiply(delta, 20)), atol=0.01)
 
 
 @motors
@@ -173,7 +176,7 @@ def test_picture_shows_the_true_pose_and_the_target(world):
 def test_two_worlds_do_not_meet():
     with_motion, still = (World(ROBOTS["panda"], "kinematic", PERIOD) for _ in range(2))
     with_motion.move([0.04] * 7)
-    assert still.q == still.home
+    assert still.q == list(still.robot.home)
     with_motion.close()
     still.move([0.01] * 7)
     still.close()

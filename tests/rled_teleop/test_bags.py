@@ -9,7 +9,7 @@ from rled_msgs_py.topics import JOINT_DELTA, MARKED_EE_POSE, MARKED_JOINT_STATES
 from rled_sim.kinematics import Chain
 from rled_sim.robots import robot_named
 from rled_sim.tasks import reach_task
-from rled_teleop.summary import summarise
+from rled_teleop.recording.summary import summarise
 
 BAGS = Path(__file__).parents[2] / "bags"
 ROBOTS = {"panda_lemniscate": "panda", "planar_lemniscate": "planar"}

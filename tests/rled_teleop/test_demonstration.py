@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from rled_teleop.demonstration import demonstrated_action
+from rled_teleop.operators.demonstration import demonstrated_action
 
 JOINTS = arrays(np.float64, 7, elements=st.floats(-3.0, 3.0))
 DELTAS = st.floats(1e-3, 0.5)
@@ -46,12 +46,12 @@ def test_no_component_exceeds_max_delta(q: np.ndarray, goal: np.ndarray, max_del
 @given(JOINTS, JOINTS, DELTAS)
 def test_the_motion_is_a_straight_line_in_joint_space(q: np.ndarray, goal: np.ndarray, max_delta: float) -> None:
     path = motion(q, goal, max_delta)
-    way = goal - q
-    if np.abs(way).max() < 1e-6:
+    offset = goal - q
+    if np.abs(offset).max() < 1e-6:
         return
-    along = (path - q) @ way / (way @ way)  # share of the way, (k,)
+    along = (path - q) @ offset / (offset @ offset)  # share of the way, (k,)
     assert (np.diff(along) > 0).all()
-    np.testing.assert_allclose(path, q + along[:, None] * way, atol=1e-9)
+    np.testing.assert_allclose(path, q + along[:, None] * offset, atol=1e-9)
 
 
 @given(JOINTS, JOINTS, DELTAS)

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rled_sim.robots import robot_named
 from rled_sim.tasks import reach_task
-from rled_teleop.jog import LIMIT_MARGIN, Jog, damped_inverse, scaled_to
+from rled_teleop.operators.jog import LIMIT_MARGIN, Jog, damped_inverse, scaled_to
 
 
 @pytest.fixture

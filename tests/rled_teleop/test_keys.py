@@ -13,10 +13,10 @@ import termios
 import numpy as np
 import pytest
 from rled_msgs_py.errors import RledError
-from rled_teleop.jog import Jog
-from rled_teleop.keyboard_screen import HELP, RULE, Shown, screen, waiting_screen
-from rled_teleop.keys import FASTER, LINEAR, REQUESTS, SLOWER, TURNS, Keyboard, Request
-from rled_teleop.terminal import Screen, TerminalGone, fitted, keyboard_screen, split_keys
+from rled_teleop.operators.jog import Jog
+from rled_teleop.operators.keyboard_screen import HELP, RULE, ScreenState, screen, waiting_screen
+from rled_teleop.operators.keys import FASTER, LINEAR, REQUESTS, SLOWER, TURNS, Keyboard, Request
+from rled_teleop.operators.terminal import Screen, TerminalGone, fitted, keyboard_screen, split_keys
 
 Q = np.array([-0.8, 1.6])
 
@@ -57,7 +57,7 @@ def test_a_digit_without_a_joint_stops_and_is_answered_until_the_next_key(keyboa
     keyboard.press(key, 0.0)
     assert keyboard.joint == 1
     assert keyboard.delta(jog, Q, 0.0) is None
-    shown = Shown(task, arm.tick(), keyboard.motion(0.0), None, "")
+    shown = ScreenState(task, arm.tick(), keyboard.motion(0.0), None, "")
     assert f"there is no joint {key}: 1 to 2" in "\n".join(screen(keyboard, shown))
     keyboard.press("1", 0.0)
     assert "no joint" not in "\n".join(screen(keyboard, shown))
@@ -100,9 +100,8 @@ def test_requests_are_handed_back_and_stop(keyboard, jog):
     assert set(REQUESTS.values()) == set(Request)
 
 
-@pytest.mark.parametrize(
-    ("sent", "keys"),
-    [
+def test_escape_sequences_are_one_key():
+    for sent, keys in [
         ("wd", ["w", "d"]),
         ("\x1b[A\x1b[B\x1b[C\x1b[D", ["up", "down", "right", "left"]),
         ("\x1bOA", ["up"]),
@@ -111,10 +110,8 @@ def test_requests_are_handed_back_and_stop(keyboard, jog):
         ("\x1bx", ["escape", "x"]),
         ("\x1b[", ["escape"]),
         ("w\x1b[15~d", ["w", "escape", "d"]),
-    ],
-)
-def test_escape_sequences_are_one_key(sent, keys):
-    assert split_keys(sent) == keys
+    ]:
+        assert split_keys(sent) == keys
 
 
 @pytest.fixture
@@ -175,23 +172,23 @@ class Emulator:
                 self.lines[self.row] += letter
 
 
-@pytest.mark.parametrize("columns", [1, 2, 20, 80])
-@pytest.mark.parametrize("rows", [*range(1, 13), 24])
-def test_a_terminal_of_any_size_is_never_scrolled_and_shows_the_newest(terminal, keyboard, task, arm, rows, columns):
-    master, slave = terminal
-    resized(slave, rows, columns)
-    drawn, shown = Emulator(rows), Screen(slave, slave)
-    for number in range(5):
-        lines = [f"{number} {line}" for line in screen(keyboard, Shown(task, arm.tick(), None, None, ""))]
-        shown.draw(lines)
-        drawn.feed(sent(master).replace("\r\n", "\n"))
-    seen = [line for line in drawn.lines if line]
-    assert drawn.scrolled == []
-    assert seen == ([line[: columns - 1] for line in lines[: max(rows - 1, 1)]] if columns > 1 else [])
+def test_a_terminal_of_any_size_is_never_scrolled_and_shows_the_newest(terminal, keyboard, task, arm):
+    for rows in [*range(1, 13), 24]:
+        for columns in [1, 2, 20, 80]:
+            master, slave = terminal
+            resized(slave, rows, columns)
+            drawn, shown = Emulator(rows), Screen(slave, slave)
+            for number in range(5):
+                lines = [f"{number} {line}" for line in screen(keyboard, ScreenState(task, arm.tick(), None, None, ""))]
+                shown.draw(lines)
+                drawn.feed(sent(master).replace("\r\n", "\n"))
+            seen = [line for line in drawn.lines if line]
+            assert drawn.scrolled == []
+            assert seen == ([line[: columns - 1] for line in lines[: max(rows - 1, 1)]] if columns > 1 else [])
 
 
 def test_what_does_not_fit_are_rules_first_and_then_the_help(keyboard, task, arm):
-    lines = screen(keyboard, Shown(task, arm.tick(), None, None, "ready"))
+    lines = screen(keyboard, ScreenState(task, arm.tick(), None, None, "ready"))
     assert fitted(lines, len(lines)) == lines
     assert fitted(lines, 6) == [line for line in lines if line not in (RULE, *HELP)]
 
@@ -249,7 +246,7 @@ def test_no_terminal_is_refused(monkeypatch, tmp_path):
 
 def test_the_screen_says_what_moves(keyboard, task, arm):
     keyboard.press("right", 0.0)
-    shown = Shown(task, arm.tick(), keyboard.motion(0.0), np.array([0.025, 0.0]), "recording")
+    shown = ScreenState(task, arm.tick(), keyboard.motion(0.0), np.array([0.025, 0.0]), "recording")
     text = "\n".join(screen(keyboard, shown))
     assert "turning shoulder +" in text
     assert "speed 25 %" in text

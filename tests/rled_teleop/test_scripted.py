@@ -8,9 +8,9 @@ from rled_msgs_py.errors import RledError
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import Tick
 from rled_sim.kinematics import Chain
-from rled_teleop.imperfection import Hand, Imperfection
-from rled_teleop.motion import PATIENCE
-from rled_teleop.scripted import Answer, ScriptedOperator, require_reachable, spread
+from rled_teleop.operators.imperfection import Hand, Imperfection
+from rled_teleop.operators.point_to_point import MAX_IDLE_STEPS
+from rled_teleop.operators.scripted import Answer, ScriptedOperator, require_reachable, spread
 
 Curve = Callable[[int], np.ndarray]
 History = list[tuple[Tick, Answer]]
@@ -101,8 +101,8 @@ def test_each_trajectory_is_a_straight_joint_line_to_the_marked_point_nearest_to
     for tick, answer in history[last_mark:-1]:
         assert answer.delta is not None
         goal = points[np.linalg.norm(positions - tick.target.position, axis=1).argmin()]
-        way = goal - tick.joints.position
-        expected = way / max(np.abs(way).max() / task.max_delta, 1.0)
+        offset = goal - tick.joints.position
+        expected = offset / max(np.abs(offset).max() / task.max_delta, 1.0)
         np.testing.assert_allclose(answer.delta.delta, expected, atol=1e-12)
 
 
@@ -140,8 +140,8 @@ def test_overshoot_goes_past_the_goal_and_comes_back(
     start = arm.q
     history = drive(arm, operator(task, chain, circle(1), 0, Imperfection(overshoot=0.2)))
     path = np.array([tick.joints.position for tick, _ in history])
-    way = path[-1] - start
-    along = (path - start) @ way / (way @ way)
+    offset = path[-1] - start
+    along = (path - start) @ offset / (offset @ offset)
     assert along.max() == pytest.approx(1.2)
     assert along[-1] == pytest.approx(1.0)
 
@@ -182,7 +182,7 @@ def drive_to_second_phase(arm: Any, person: ScriptedOperator) -> Tick:
 def test_a_robot_that_does_not_move_is_reported(task: TaskDescription, chain: Chain, circle: Curve, arm: Any) -> None:
     person = operator(task, chain, circle(10), 0)
     stuck = arm.tick()
-    for _ in range(PATIENCE + 1):
+    for _ in range(MAX_IDLE_STEPS + 1):
         person.answer(stuck)
     with pytest.raises(RledError, match="rad from its goal"):
         person.answer(stuck)

@@ -13,7 +13,7 @@ from rled_msgs_py.topics import (
     TARGET_POSE,
     TASK_STATUS,
 )
-from rled_teleop.summary import summarise
+from rled_teleop.recording.summary import summarise
 
 PERIOD = 20_000_000
 NAMES = ("shoulder", "elbow")

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from rled_msgs_py.bags import Bag, BagWriter
 from rled_msgs_py.topics import JOINT_DELTA
-from rled_teleop.bag_messages import is_of_ros, quality, read_recording
-from rled_teleop.unfinished import repair_unfinished
+from rled_teleop.recording.bag_messages import is_of_ros, quality, read_recording
+from rled_teleop.recording.unfinished import repair_unfinished
 
 from tests.rled_msgs_py.samples import recording, write_bag
 from tests.rled_msgs_py.test_bag_hostile import DEEP, EXPANDING
@@ -59,7 +59,7 @@ def test_a_bag_that_raises_whatever_it_likes_is_said_in_one_line(
     def raising(bag: Path) -> None:
         raise RecursionError("first\nsecond") if bag.name == "one" else MemoryError
 
-    monkeypatch.setattr("rled_teleop.unfinished.repair", raising)
+    monkeypatch.setattr("rled_teleop.recording.unfinished.repair", raising)
     assert repair_unfinished(tmp_path) == [
         f"{tmp_path / 'one'} was left unfinished: first second",
         f"{tmp_path / 'two'} was left unfinished: MemoryError",

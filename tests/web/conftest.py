@@ -15,9 +15,9 @@ import pytest
 from matplotlib.image import imread
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rled_msgs_py.node import fresh_context, subscribe, subscribe_ticks
 from rled_msgs_py.processes import Children, program
 from rled_msgs_py.records import GateDecision
+from rled_msgs_py.ros.node import fresh_context, subscribe, subscribe_ticks
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import Tick
 from rled_msgs_py.topics import SAFETY_GATE, TASK_DESCRIPTION
@@ -30,13 +30,13 @@ from .socket_visitor import SocketVisitor
 SHOTS = Path(__file__).parents[2] / "out" / "web_tests"
 """Where pictures of the page are kept."""
 HOME = ROBOTS["planar"].home
-PATIENCE = 60.0
+WAIT_TIMEOUT = 60.0
 SIZE = {"width": 1000, "height": 620}
 GPU = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 
 
-def await_that(done: Callable[[], Any], what: str, timeout: float = PATIENCE) -> Any:
+def await_that(done: Callable[[], Any], what: str, timeout: float = WAIT_TIMEOUT) -> Any:
     """The first true answer."""
     deadline = time.monotonic() + timeout
     while not (answer := done()):
@@ -97,7 +97,7 @@ class Watcher:
         moved = [pairs[k + 1][0] for k in range(len(pairs) - 1) if (q[k] != q[k + 1]).any()]
         return max([since, *moved])
 
-    def await_that(self, done: Callable[[], Any], what: str, timeout: float = PATIENCE) -> Any:
+    def await_that(self, done: Callable[[], Any], what: str, timeout: float = WAIT_TIMEOUT) -> Any:
         return await_that(done, what, timeout)
 
     def rests(self, seconds: float = 0.5) -> bool:
@@ -154,7 +154,7 @@ class Visit:
     def __init__(self, browser: Any, address: str, watcher: Watcher) -> None:
         # half the resolution: without a GPU, drawing takes the processors that the robot needs
         self.context = browser.new_context(viewport=SIZE, device_scale_factor=0.5)
-        self.context.set_default_timeout(1e3 * PATIENCE)
+        self.context.set_default_timeout(1e3 * WAIT_TIMEOUT)
         self.page = self.context.new_page()
         self._watcher = watcher
         self.page.goto(address)
@@ -191,9 +191,9 @@ class Visit:
         right = np.cross(forward, [0.0, 0.0, 1.0])
         right /= np.linalg.norm(right)
         up = np.cross(right, forward)
-        way = point - eye
-        scale = box["height"] / 2 / np.tan(FIELD_OF_VIEW / 2) / (way @ forward)
-        return box["x"] + box["width"] / 2 + way @ right * scale, box["y"] + box["height"] / 2 - way @ up * scale
+        offset = point - eye
+        scale = box["height"] / 2 / np.tan(FIELD_OF_VIEW / 2) / (offset @ forward)
+        return box["x"] + box["width"] / 2 + offset @ right * scale, box["y"] + box["height"] / 2 - offset @ up * scale
 
     def _beside_tool(self, along_y: float) -> np.ndarray:
         return self._watcher.tool + np.array([0.0, along_y, 0.0])

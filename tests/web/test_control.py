@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 from rled_msgs_py.errors import RledError
 from rled_sim.robots import ROBOTS
 from rled_sim.tasks import reach_task
-from rled_teleop.jog import Jog
-from rled_teleop.web.control import PATIENCE, Control
-from rled_teleop.web.order import Order, OrderSlot
+from rled_teleop.operators.jog import Jog
+from rled_teleop.web.control import DRIVER_TIMEOUT, Control
+from rled_teleop.web.jog_command import Follow, Move, Turn
+from rled_teleop.web.set_point import SetPoint, SetPointSlot
 from rled_teleop.web.steering import delta, steer
-from rled_teleop.web.wish import Follow, Move, Turn
 
 ROBOT = ROBOTS["planar"]
 TASK = reach_task(ROBOT).description
@@ -38,9 +38,9 @@ class Room:
     """The page's control, and the operator at the other end of the slot."""
 
     def __init__(self, clock: Clock) -> None:
-        self._clock, slot = clock, OrderSlot()
+        self._clock, slot = clock, SetPointSlot()
         self.control = Control(0.5, slot.put, clock)
-        self._received = OrderSlot(slot.file)
+        self._received = SetPointSlot(slot.file)
 
     def displacement(self) -> np.ndarray | None:
         return steer(self._received.newest(), JOG, HOME, self._clock.now)
@@ -63,15 +63,15 @@ def control(room: Room) -> Control:
 def test_first_visitor_drives_and_the_second_watches(room: Room, control: Control) -> None:
     control.arrive(1)
     control.arrive(2)
-    control.wish(2, Move((1.0, 0.0, 0.0)))
+    control.command(2, Move((1.0, 0.0, 0.0)))
     assert not room.moves()
-    control.wish(1, Move((1.0, 0.0, 0.0)))
+    control.command(1, Move((1.0, 0.0, 0.0)))
     assert room.moves()
 
 
 def test_a_wish_ends_when_it_is_not_renewed(room: Room, control: Control, clock: Clock) -> None:
     control.arrive(1)
-    control.wish(1, Move((1.0, 0.0, 0.0)))
+    control.command(1, Move((1.0, 0.0, 0.0)))
     clock.now += 0.49
     assert room.moves()
     clock.now += 0.01
@@ -80,7 +80,7 @@ def test_a_wish_ends_when_it_is_not_renewed(room: Room, control: Control, clock:
 
 def test_a_held_pointer_keeps_the_wish_and_an_idle_one_does_not(room: Room, control: Control, clock: Clock) -> None:
     control.arrive(1)
-    control.wish(1, Move((1.0, 0.0, 0.0)))
+    control.command(1, Move((1.0, 0.0, 0.0)))
     for _ in range(10):
         clock.now += 0.3
         control.hear(1, holds=True)
@@ -95,7 +95,7 @@ def test_a_wish_that_has_ended_is_not_brought_back_by_a_late_sign_of_life(
     room: Room, control: Control, clock: Clock
 ) -> None:
     control.arrive(1)
-    control.wish(1, Move((1.0, 0.0, 0.0)))
+    control.command(1, Move((1.0, 0.0, 0.0)))
     clock.now += 0.6
     assert not room.moves()
     control.hear(1, holds=True)
@@ -109,7 +109,7 @@ def test_releasing_leaving_letting_go_and_the_stop_end_the_wish_at_once(
     room: Room, control: Control, end: object
 ) -> None:
     control.arrive(1)
-    control.wish(1, Move((1.0, 0.0, 0.0)))
+    control.command(1, Move((1.0, 0.0, 0.0)))
     end(control, 1)  # type: ignore[operator]
     assert room.displacement() is None
 
@@ -123,12 +123,12 @@ def test_another_visitor_takes_over_only_from_nobody_or_from_the_silent(
     control.let_go(1)
     assert control.take(2)
     assert not control.take(1)
-    clock.now += PATIENCE
+    clock.now += DRIVER_TIMEOUT
     assert not control.take(1)
     clock.now += 0.1
-    control.wish(2, Move((1.0, 0.0, 0.0)), lasts=60.0)  # it speaks again
+    control.command(2, Move((1.0, 0.0, 0.0)), lasts=60.0)  # it speaks again
     assert not control.take(1)
-    clock.now += PATIENCE + 0.1
+    clock.now += DRIVER_TIMEOUT + 0.1
     assert control.take(1)
     assert not room.moves()
 
@@ -152,17 +152,17 @@ def test_every_visitor_may_stop_and_only_the_driver_may_release(control: Control
     control.arrive(2)
     control.stop()
     control.ask(2, "release")
-    assert control.asked.take() == {"estop": None}
+    assert control.requests.take() == {"estop": None}
     control.ask(1, "release")
-    assert control.asked.take() == {"release": None}
+    assert control.requests.take() == {"release": None}
 
 
 def test_a_flood_of_requests_is_one(control: Control) -> None:
     control.arrive(1)
     for value in range(10_000):
         control.ask(1, "threshold", float(value))
-    assert control.asked.take() == {"threshold": 9999.0}
-    assert control.asked.take() == {}
+    assert control.requests.take() == {"threshold": 9999.0}
+    assert control.requests.take() == {}
 
 
 def test_taken_over_the_robot_holds_where_nothing_is_wished(room: Room, control: Control) -> None:
@@ -177,7 +177,7 @@ def test_taken_over_the_robot_holds_where_nothing_is_wished(room: Room, control:
 
 @given(st.lists(st.tuples(st.sampled_from(["arrive", "leave", "let_go", "take"]), st.integers(0, 3)), max_size=40))
 def test_the_driver_is_always_one_of_those_who_are_there(steps: list[tuple[str, int]]) -> None:
-    control, present = Control(0.5, lambda order: None, Clock()), set[int]()
+    control, present = Control(0.5, lambda set_point: None, Clock()), set[int]()
     for what, visitor in steps:
         if what == "arrive" and visitor in present:
             continue
@@ -226,16 +226,16 @@ def test_turning_stays_within_the_limits(goal: float) -> None:
     st.booleans(),
     st.booleans(),
 )
-def test_an_order_arrives_as_it_was_given(wish, until: float, share: float, taken: bool, beside: bool) -> None:
-    order, slot = Order(wish, until, share, taken, beside), OrderSlot()
-    slot.put(order)
-    assert OrderSlot(slot.file).newest() == order
+def test_an_order_arrives_as_it_was_given(command, until: float, share: float, taken: bool, beside: bool) -> None:
+    set_point, slot = SetPoint(command, until, share, taken, beside), SetPointSlot()
+    slot.put(set_point)
+    assert SetPointSlot(slot.file).newest() == set_point
 
 
 def test_an_order_that_is_half_written_is_not_taken() -> None:
-    slot = OrderSlot()
-    operator = OrderSlot(slot.file)
-    first, second = Order(Move((1.0, 0.0, 0.0)), 5.0), Order(None, 7.0, taken=True)
+    slot = SetPointSlot()
+    operator = SetPointSlot(slot.file)
+    first, second = SetPoint(Move((1.0, 0.0, 0.0)), 5.0), SetPoint(None, 7.0, taken=True)
     slot.put(first)
     whole = os.pread(slot.file, 1000, 0)
     assert operator.newest() == first
@@ -246,7 +246,7 @@ def test_an_order_that_is_half_written_is_not_taken() -> None:
     assert operator.newest() == second
 
 
-@pytest.mark.parametrize("file", [-1, 987])
-def test_a_file_that_holds_no_orders_is_refused(file: int) -> None:
-    with pytest.raises(RledError, match=f"open file {file} holds no orders; accepted: .*; start"):
-        OrderSlot(file)
+def test_a_file_that_holds_no_orders_is_refused() -> None:
+    for file in [-1, 987]:
+        with pytest.raises(RledError, match=f"open file {file} holds no set points; accepted: .*; start"):
+            SetPointSlot(file)

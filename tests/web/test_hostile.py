@@ -10,8 +10,8 @@ from typing import Any
 
 import msgspec.msgpack
 import pytest
-from rled_teleop.web.connection import MOST_SOCKETS
-from rled_teleop.web.guard import MOST_CONNECTIONS, PROTOCOL
+from rled_teleop.web.connection import MAX_SOCKETS
+from rled_teleop.web.protection import MAX_CONNECTIONS, PROTOCOL
 from viser import _messages as messages
 from websockets.exceptions import ConnectionClosed
 from websockets.frames import Opcode
@@ -133,8 +133,8 @@ def test_who_stops_in_the_middle_of_a_page_is_cut_off(connect: Callable[[], sock
 
 
 def test_silent_strangers_are_no_more_than_so_many(connect: Callable[[], socket.socket], address: str) -> None:
-    opened = [connect() for _ in range(3 * MOST_SOCKETS)]
-    await_that(lambda: sum(map(is_cut, opened)) >= 2 * MOST_SOCKETS, "the page to hang up")
+    opened = [connect() for _ in range(3 * MAX_SOCKETS)]
+    await_that(lambda: sum(map(is_cut, opened)) >= 2 * MAX_SOCKETS, "the page to hang up")
     for each in opened:
         each.close()
     with closing(await_that(lambda: visits(address), "a visit")) as visitor:
@@ -177,7 +177,7 @@ def arrivals(address: str) -> None:
 
 def crowd(address: str) -> None:
     with ExitStack() as stack:
-        visitors = [stack.enter_context(closing(SocketVisitor(address))) for _ in range(MOST_CONNECTIONS)]
+        visitors = [stack.enter_context(closing(SocketVisitor(address))) for _ in range(MAX_CONNECTIONS)]
         for each in visitors:
             each.find("EMERGENCY STOP")
 

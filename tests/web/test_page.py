@@ -138,12 +138,12 @@ def test_a_slider_turns_its_joint(me: Any, watcher: Any) -> None:
 
 
 def test_recording_from_the_page_gives_a_bag_that_passes(me: Any, watcher: Any, bags: Path) -> None:
-    for verdict, way in (("Keep", "y +"), ("Discard", "y −")):
+    for verdict, button in (("Keep", "y +"), ("Discard", "y −")):
         me.tab("Record")
         me.button("Begin episode").click()
         me.says("recording")
         me.tab("Drive")
-        me.button(way).hover()
+        me.button(button).hover()
         me.page.mouse.down()
         watcher.await_that(watcher.moves, "motion")
         time.sleep(0.6)

@@ -16,12 +16,12 @@ TEXTS = {
 }
 
 
-@pytest.mark.parametrize("text", TEXTS.values(), ids=TEXTS)
-def test_a_description_that_cannot_be_drawn_is_one_kind_of_error(text):
-    with pytest.raises(ValueError, match=r"the robot description cannot be drawn \(\w+: "):
-        load_robot(text)
+def test_a_description_that_cannot_be_drawn_is_one_kind_of_error():
+    for text in TEXTS.values():
+        with pytest.raises(ValueError, match=r"the robot description cannot be drawn \(\w+: "):
+            load_robot(text)
 
 
-@pytest.mark.parametrize("robot", ROBOTS.values(), ids=ROBOTS)
-def test_our_robots_are_drawn(robot):
-    assert not load_robot(robot.description).missing
+def test_our_robots_are_drawn():
+    for robot in ROBOTS.values():
+        assert not load_robot(robot.description).missing

@@ -7,12 +7,12 @@ from typing import Any
 
 import pytest
 from rled_msgs_py.errors import RledError
-from rled_teleop.web.serving import address, without_token
+from rled_teleop.nodes.teleop_web import address, without_token
+from rled_teleop.web.params import WebParams
 from rled_teleop.web.token import given_token
-from rled_teleop.web_params import WebParams
 
 from .processes import one_with, words
-from .test_gate import get
+from .test_protection import get
 
 WORD = "correct horse battery"
 
@@ -84,17 +84,14 @@ def test_a_folder_and_two_places_are_refused(tmp_path: Path, file: Path) -> None
             given_token(params, {})
 
 
-@pytest.mark.parametrize(
-    ("given", "left"),
-    [
+def test_children_are_not_given_the_token() -> None:
+    for given, left in [
         (["-p", "token:=secret", "-r", "__ns:=/left"], ["-r", "__ns:=/left"]),
         (["--param", "teleop_web:token:=secret"], []),
         (["-r", "token:=other"], ["-r", "token:=other"]),
         (["-p", "use_sim_time:=true"], ["-p", "use_sim_time:=true"]),
-    ],
-)
-def test_children_are_not_given_the_token(given: list[str], left: list[str]) -> None:
-    assert without_token(given) == left
+    ]:
+        assert without_token(given) == left
 
 
 def test_no_process_shows_the_token_of_a_file(ros_domain: int, file: Path, serve: Callable[..., Any]) -> None:

@@ -25,14 +25,14 @@ from rled_msgs_py.tick import STATE_TOPICS, Tick
 from rled_msgs_py.topics import EPISODE_EVENTS, JOINT_DELTA, ROBOT_DESCRIPTION, TASK_DESCRIPTION
 from rled_sim.robots import ROBOTS
 from rled_sim.tasks import reach_task
-from rled_teleop.web import rows
+from rled_teleop.web import episode_buffer
 from rled_teleop.web.curves import DECISIONS, EPISODES, Curves
+from rled_teleop.web.episode_buffer import MAX_TICKS
 from rled_teleop.web.episode_log import EpisodeLog
-from rled_teleop.web.limits import arc, edges
+from rled_teleop.web.graph_state import MAX_REPORTS, GraphState
+from rled_teleop.web.limits_view import arc, edges
 from rled_teleop.web.robot import Link, load_robot, pose_of, product, quaternion
-from rled_teleop.web.rows import MOST_TICKS
-from rled_teleop.web.trail import COLOURS, LONGEST, Trail
-from rled_teleop.web.watched import MOST_REPORTS, Watched
+from rled_teleop.web.trail import COLOURS, MAX_PIECES, Trail
 
 PLANAR = ROBOTS["planar"]
 TASK = reach_task(PLANAR).description
@@ -54,29 +54,29 @@ def decision(k: int, actor: Actor, uncertainty: float = math.nan) -> GateDecisio
 
 
 def test_each_piece_of_the_trail_has_the_colour_of_who_acted() -> None:
-    watched = Watched()
+    graph = GraphState()
     for k, actor in enumerate((Actor.AGENT, Actor.EXPERT, Actor.HUMAN)):
-        watched.on_tick(tick(k, 0.1 * k), wished=False)
-        watched.on_decision(decision(k, actor))
-    watched.on_tick(tick(3, 0.3), wished=False)
-    pieces = watched.pieces()
+        graph.on_tick(tick(k, 0.1 * k), is_commanded=False)
+        graph.on_decision(decision(k, actor))
+    graph.on_tick(tick(3, 0.3), is_commanded=False)
+    pieces = graph.pieces()
     assert pieces.points[:, :, 0] == pytest.approx(np.array([[0.0, 0.1], [0.1, 0.2], [0.2, 0.3]]))
     wanted = [COLOURS[each] for each in (Actor.AGENT, Actor.EXPERT, Actor.HUMAN)]
     assert [tuple(each) for each in pieces.colours[:, 0].tolist()] == wanted
 
 
 def test_without_a_gate_a_wish_makes_the_person_the_actor() -> None:
-    watched = Watched()
-    watched.on_tick(tick(0, 0.0), wished=True)
-    watched.on_tick(tick(1, 0.1), wished=False)
-    assert tuple(watched.pieces().colours[0, 0].tolist()) == COLOURS[Actor.HUMAN]
+    graph = GraphState()
+    graph.on_tick(tick(0, 0.0), is_commanded=True)
+    graph.on_tick(tick(1, 0.1), is_commanded=False)
+    assert tuple(graph.pieces().colours[0, 0].tolist()) == COLOURS[Actor.HUMAN]
 
 
 def test_the_trail_begins_anew_with_an_episode_or_a_restarted_simulation_and_is_bounded() -> None:
     trail = Trail()
-    for k in range(LONGEST + 50):
+    for k in range(MAX_PIECES + 50):
         trail.add(tick(k, 0.001 * k), Actor.AGENT)
-    assert len(trail.pieces().points) == LONGEST
+    assert len(trail.pieces().points) == MAX_PIECES
     trail.add(tick(10_000, 0.0, episode=1), Actor.AGENT)
     assert trail.pieces().points.shape == (0, 2, 3)
     trail.add(tick(10_001, 0.1, episode=1), Actor.AGENT)
@@ -120,21 +120,23 @@ def test_an_arc_spans_the_limits_at_one_distance_from_its_joint() -> None:
     assert arc(link, -np.pi / 2, np.pi / 2)[-2, 1] - origin[:3, 3] == pytest.approx(-rim[0], abs=1e-6)
 
 
-@pytest.mark.parametrize("name", sorted(ROBOTS))
-def test_links_stand_where_the_kinematics_say(name: str) -> None:
-    robot, model = ROBOTS[name], load_robot(ROBOTS[name].description)
-    assert not model.missing
-    assert sum(len(link.shapes) for link in model.links) >= 3
-    q = np.random.default_rng(0).uniform(-1.0, 1.0, len(robot.joint_names))
-    poses: dict[tuple[str, ...], tuple[np.ndarray, np.ndarray]] = {(): (np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))}
-    for link in model.links:
-        position, turn = pose_of(link, dict(zip(robot.joint_names, q, strict=True)))
-        at, about = poses[link.path[:-1]]
-        w, v = about[0], about[1:]
-        moved = at + position + 2 * np.cross(v, np.cross(v, position) + w * position)
-        poses[link.path] = moved, product(about, turn)
-    tip = next(path for path in poses if path and path[-1] == robot.tip_link)
-    assert poses[tip][0] == pytest.approx(robot.chain.position(q), abs=1e-9)
+def test_links_stand_where_the_kinematics_say() -> None:
+    for name in sorted(ROBOTS):
+        robot, model = ROBOTS[name], load_robot(ROBOTS[name].description)
+        assert not model.missing
+        assert sum(len(link.shapes) for link in model.links) >= 3
+        q = np.random.default_rng(0).uniform(-1.0, 1.0, len(robot.joint_names))
+        poses: dict[tuple[str, ...], tuple[np.ndarray, np.ndarray]] = {
+            (): (np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
+        }
+        for link in model.links:
+            position, turn = pose_of(link, dict(zip(robot.joint_names, q, strict=True)))
+            at, about = poses[link.path[:-1]]
+            w, v = about[0], about[1:]
+            moved = at + position + 2 * np.cross(v, np.cross(v, position) + w * position)
+            poses[link.path] = moved, product(about, turn)
+        tip = next(path for path in poses if path and path[-1] == robot.tip_link)
+        assert poses[tip][0] == pytest.approx(robot.chain.position(q), abs=1e-9)
 
 
 def test_quaternion_of_half_a_turn_about_x() -> None:
@@ -210,12 +212,12 @@ def test_an_hour_of_one_episode_takes_some_megabytes() -> None:
         log.add_delta(DeltaCommand(k * TASK.period, TASK.joint_names, np.zeros(2)))
     taken, _ = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    assert taken * MOST_TICKS / 5_000 < 12e6
+    assert taken * MAX_TICKS / 5_000 < 12e6
 
 
 def test_later_ticks_than_the_most_and_other_joints_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rows, "MOST_TICKS", 10)
-    kept = rows.Rows()
+    monkeypatch.setattr(episode_buffer, "MAX_TICKS", 10)
+    kept = episode_buffer.EpisodeBuffer()
     for k in range(20):
         strange = tick(k, 0.0)._replace(joints=JointSample(k, ("x", "y"), np.zeros(2), np.zeros(2)))
         kept.add_tick(tick(k, 0.1 * k) if k != 3 else strange)
@@ -234,9 +236,8 @@ def test_another_recorder_begins_the_list_anew() -> None:
     assert [each.number for each in log.entries()] == [0]
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
+def test_an_event_that_cannot_be_read_is_left_out() -> None:
+    for text in [
         "",
         "[]",
         "{}",
@@ -244,20 +245,17 @@ def test_another_recorder_begins_the_list_anew() -> None:
         '{"event": "start", "episode": "x"}',
         '{"event": "start", "episode": 1e999}',
         "[" * 100_000,
-    ],
-    ids=lambda text: text[:40],
-)
-def test_an_event_that_cannot_be_read_is_left_out(text: str) -> None:
-    watched = Watched()
-    watched.on_event(text)
-    assert watched.log.entries() == []
+    ]:
+        graph = GraphState()
+        graph.on_event(text)
+        assert graph.log.entries() == []
 
 
 def test_reports_of_ever_more_nodes_are_not_all_kept() -> None:
-    watched = Watched()
-    for number in range(2 * MOST_REPORTS):
-        watched.on_health(Health(0, Level.OK, str(number), "", {}))
-        watched.on_health(Health(0, Level.OK, "again and again", "", {}))
-    assert watched.health("0") is None
-    assert watched.health(str(2 * MOST_REPORTS - 1)) is not None
-    assert watched.health("again and again") is not None
+    graph = GraphState()
+    for number in range(2 * MAX_REPORTS):
+        graph.on_health(Health(0, Level.OK, str(number), "", {}))
+        graph.on_health(Health(0, Level.OK, "again and again", "", {}))
+    assert graph.health("0") is None
+    assert graph.health(str(2 * MAX_REPORTS - 1)) is not None
+    assert graph.health("again and again") is not None

@@ -14,9 +14,9 @@ import tyro
 from rled_msgs_py.bags import Bag
 from rled_msgs_py.errors import RledError, command_line
 from rled_msgs_py.files import write_whole
-from rled_msgs_py.kinds import Range, check_kinds
 from rled_msgs_py.outputs import require_output
 from rled_msgs_py.task import TaskDescription
+from rled_msgs_py.validation import Range, check_fields
 from rled_sim.faults import Faults
 from rled_sim.kinematics import Chain
 from rled_sim.robots import robot_named
@@ -82,7 +82,7 @@ class Options:
 def main() -> None:
     """Run the command."""
     options = tyro.cli(Options, prog="evaluate_agent")
-    check_kinds(options)
+    check_fields(options)
     require_output(options.output, "evaluation.json", "motions.json", "episodes.json")
     torch.set_num_threads(1)
     if list(options.bins) != sorted(set(options.bins)) or len(options.bins) < 2:

@@ -13,8 +13,8 @@ import torch
 import tyro
 from rled_msgs_py.bags import Bag
 from rled_msgs_py.errors import RledError, command_line
-from rled_msgs_py.kinds import Range, check_kinds
 from rled_msgs_py.stopping import stop_requested
+from rled_msgs_py.validation import Range, check_fields
 
 from rled_agent.bounds import MANY, Share
 from rled_agent.cli.presets import PRESETS, Preset, all_presets
@@ -73,7 +73,7 @@ def main() -> None:
         return
     torch.set_num_threads(1)
     torch.set_flush_denormal(True)
-    check_kinds(options)
+    check_fields(options)
     directory = RunDirectory(options.output)
     if options.resume:
         directory.require_resumable()

@@ -13,7 +13,7 @@ import tyro
 from numpy.typing import NDArray
 from rled_msgs_py.bags import Bag
 from rled_msgs_py.errors import RledError, command_line
-from rled_msgs_py.kinds import Range, check_kinds
+from rled_msgs_py.validation import Range, check_fields
 
 from rled_agent.bounds import Amount, Count, Seed, Share
 from rled_agent.data.closed_form import demonstration_points
@@ -89,7 +89,7 @@ class Scaled(gymnasium.Wrapper[Any, Any, Any, Any]):
 def main() -> None:
     """Run the command."""
     options = tyro.cli(Options, prog="train_baseline")
-    check_kinds(options)
+    check_fields(options)
     directory = RunDirectory(options.output)
     directory.require_new()
     torch.set_num_threads(1)

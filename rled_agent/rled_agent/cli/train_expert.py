@@ -13,8 +13,8 @@ import tyro
 from rled_msgs_py.bags import Bag
 from rled_msgs_py.errors import RledError, command_line
 from rled_msgs_py.files import write_whole
-from rled_msgs_py.kinds import Range, check_kinds
 from rled_msgs_py.outputs import require_output
+from rled_msgs_py.validation import Range, check_fields
 
 from rled_agent.bounds import MANY, Seed, Share
 from rled_agent.data.corruption import Corruption
@@ -58,7 +58,7 @@ class Options:
 def main() -> None:
     """Run the command."""
     options = tyro.cli(Options, prog="train_expert")
-    check_kinds(options)
+    check_fields(options)
     require_output(options.output, *FILES)
     torch.set_num_threads(1)
     bag = _bag(options)

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
-from rled_msgs_py.kinds import Range, check_kinds
+from rled_msgs_py.validation import Range, check_fields
 
 from rled_agent.bounds import Seed, Share
 
@@ -22,7 +22,7 @@ class Corruption:
     """of which motions are wrong"""
 
     def __post_init__(self) -> None:
-        check_kinds(self)
+        check_fields(self)
 
     def shaken(self, action: NDArray[np.float64], most: float, generator: np.random.Generator) -> NDArray[np.float64]:
         """Displacements (rad) of a trembling hand, within Δq_max.

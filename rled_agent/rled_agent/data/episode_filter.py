@@ -66,7 +66,7 @@ def select_episodes(bag: Bag, min_quality: float, say: Say) -> Episodes:
     _say_faults(bag, found, [each for each in found.faults if _matters(each, bag, found, set(reasons))], say)
     poor = _poor_ways(bag, found, [each for each in found.episodes if each.number not in reasons], min_quality)
     for number, ways in poor.items():
-        of = len(next(each for each in found.episodes if each.number == number).legs)
+        of = len(next(each for each in found.episodes if each.number == number).segments)
         if len(ways) == of:
             reasons[number] = f"quality below {min_quality:g}"
         else:
@@ -77,7 +77,7 @@ def select_episodes(bag: Bag, min_quality: float, say: Say) -> Episodes:
         raise SelectionError(
             f"no episode of {bag.path} is left", "one or more", f"see: {command('demos', 'info', bag.path)}"
         )
-    chosen = [_motion(each, found) for each in found.episodes if each.number not in reasons and each.legs]
+    chosen = [_motion(each, found) for each in found.episodes if each.number not in reasons and each.segments]
     left_out = [(each.first, each.last) for each in found.episodes if each.number in reasons]
     left_out += [way for ways in poor.values() for way in ways]
     return Episodes(chosen if bag.counts[EPISODE_EVENTS.name] else None, sorted(left_out))
@@ -108,8 +108,8 @@ def _when(found: Review, fault: Fault) -> str:
 def _poor_ways(bag: Bag, found: Review, sound: list[Episode], least: float) -> dict[int, list[tuple[int, int]]]:
     """First and last moment (ns) of the ways to targets whose score is less than ``least``, by episode."""
     poor = dict[int, list[tuple[int, int]]]()
-    ways = [each._replace(legs=(leg,)) for each in sound for leg in each.legs] if least > 0.0 else []
-    for way, quality in zip(ways, qualities(bag.task, found.line, ways), strict=True):
+    ways = [each._replace(segments=(leg,)) for each in sound for leg in each.segments] if least > 0.0 else []
+    for way, quality in zip(ways, qualities(bag.task, found.timeline, ways), strict=True):
         if quality.score < least:
             poor.setdefault(way.number, []).append(_motion(way, found))
     return poor
@@ -117,7 +117,7 @@ def _poor_ways(bag: Bag, found: Review, sound: list[Episode], least: float) -> d
 
 def _motion(episode: Episode, found: Review) -> tuple[int, int]:
     """First and last moment (ns) of an episode's ways to targets."""
-    first, last = found.line.moments[[episode.legs[0].first, episode.legs[-1].last]].tolist()
+    first, last = found.timeline.moments[[episode.segments[0].first, episode.segments[-1].last]].tolist()
     return first, last
 
 

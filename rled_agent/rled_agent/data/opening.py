@@ -16,7 +16,7 @@ Source = Literal["points", "trajectories"]
 
 
 def open_demonstrations(
-    path: Path,
+    path: str | Path,
     source: Source = "points",
     min_quality: float = 0.0,
     say: Callable[[str], None] = lambda _: None,
@@ -36,7 +36,7 @@ def open_demonstrations(
     Raises:
         RledError: the bag is damaged or faulty, or holds nothing of the kind.
     """
-    bag = Bag(path)
+    bag = Bag(Path(path))
     if source == "points":
         if min_quality > 0.0:
             raise DemonstrationError(f"--min-quality {min_quality:g} with --source points", "--source trajectories")

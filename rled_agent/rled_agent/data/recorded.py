@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from rled_msgs_py.bags import Bag
-from rled_msgs_py.bags.faults import STEADY
+from rled_msgs_py.bags.faults import JUMP_FACTOR
 from rled_msgs_py.bags.series import series
-from rled_msgs_py.bags.timeline import Timeline, timeline
+from rled_msgs_py.bags.timeline import Timeline, read_timeline
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.topics import MARKED_JOINT_STATES
 
@@ -114,7 +114,7 @@ def recorded_trajectories(bag: Bag, chosen: Episodes | None = None) -> RecordedT
         DemonstrationError: no answered state in it, or stamps that begin anew.
         ContractError: a joint of the task is in no message.
     """
-    task, line = bag.task, timeline(bag)
+    task, line = bag.task, read_timeline(bag)
     if line.is_anew.any():
         raise DemonstrationError("the simulation was restarted while the bag was recorded", "one run", "record again")
     left_out = _left_out(bag, chosen)
@@ -170,5 +170,5 @@ def _begins(line: Timeline) -> NDArray[np.bool_]:
     steps = np.diff(line.moments, prepend=line.moments[:1])
     usual = np.median(steps[1:]) if len(steps) > 1 else 0.0
     begins: NDArray[np.bool_] = np.any(np.diff(line.target, axis=0, prepend=line.target[:1]) != 0, axis=1)
-    begins |= (np.diff(line.episode, prepend=line.episode[:1]) != 0) | (steps > STEADY * usual)
+    begins |= (np.diff(line.episode, prepend=line.episode[:1]) != 0) | (steps > JUMP_FACTOR * usual)
     return begins

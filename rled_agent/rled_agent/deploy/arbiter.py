@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from rled_msgs_py.records import Actor, GateCode, Level
-from rled_sim.limits import Guard
+from rled_sim.motion_guard import Guard
 
 from rled_agent.deploy.piloting import Proposal
 

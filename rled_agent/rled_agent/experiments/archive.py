@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.files import write_whole
-from rled_msgs_py.foreign import read_json, read_text
+from rled_msgs_py.untrusted import read_json, read_text
 
 from rled_agent.experiments.experiment import Run, RunName
 from rled_agent.experiments.statistics import Curve, Floats

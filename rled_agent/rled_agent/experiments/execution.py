@@ -11,8 +11,8 @@ from threading import Event
 
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.files import write_whole
-from rled_msgs_py.foreign import read_json, read_text
-from rled_msgs_py.processes import POLL, Children
+from rled_msgs_py.processes import POLL_PERIOD, Children
+from rled_msgs_py.untrusted import read_json, read_text
 
 from rled_agent.experiments.archive import RECORD, is_record
 from rled_agent.experiments.experiment import Run
@@ -53,7 +53,7 @@ def execute(run: Run, root: Path, stop: Event) -> Path:
     with Children() as children:
         child = children.start(command, env=ONE_THREAD, echo=False)
         while child.exit_code is None:
-            if stop.wait(10 * POLL):
+            if stop.wait(10 * POLL_PERIOD):
                 raise Stopped(f"{run.name} was stopped")
         children.check()
     record = {

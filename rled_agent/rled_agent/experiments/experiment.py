@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple, TypeVar
 
 from rled_msgs_py.errors import ContractError, RledError
-from rled_msgs_py.foreign import read_text
-from rled_msgs_py.kinds import check_kinds
+from rled_msgs_py.untrusted import read_text
+from rled_msgs_py.validation import check_fields
 
 P = TypeVar("P")
 Verdict = Literal["reproduced", "partly", "not", "answered", "open"]
@@ -186,7 +186,7 @@ def _record(kind: type[Any], values: Any, path: Path) -> Any:
         raise ExperimentError(f"{path}: {what} in {kind.__name__.lower()}", ", ".join(known))
     try:
         record = kind(**values)
-        check_kinds(record)
+        check_fields(record)
     except (TypeError, ContractError) as error:
         raise ExperimentError(f"{path}: {error}", ", ".join(known)) from None
     return record

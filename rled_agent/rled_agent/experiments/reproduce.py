@@ -11,9 +11,9 @@ from typing import Annotated
 
 import tyro
 from rled_msgs_py.errors import RledError, command_line
-from rled_msgs_py.kinds import Range, check_kinds
 from rled_msgs_py.outputs import require_output
 from rled_msgs_py.stopping import stop_requested
+from rled_msgs_py.validation import Range, check_fields
 
 from rled_agent.experiments.archive import Archive, read_folder
 from rled_agent.experiments.cluster import Cluster
@@ -54,7 +54,7 @@ class Options:
 def main() -> None:
     """Run the command."""
     options = tyro.cli(Options, prog="reproduce")
-    check_kinds(options)
+    check_fields(options)
     if not options.show:
         require_output(options.runs, remedy="name another with --runs")
         require_output(KEPT, remedy="run it in the project's folder")

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Annotated, Protocol
 
 import torch
-from rled_msgs_py.kinds import Range
+from rled_msgs_py.validation import Range
 from torch import Tensor
 
 from rled_agent.nn.perceptron import Perceptron

@@ -8,7 +8,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 import torch
 from rled_msgs_py.errors import ContractError, RledError
-from rled_msgs_py.kinds import Range, check_kinds
+from rled_msgs_py.validation import Range, check_fields
 from torch import Tensor
 
 from rled_agent.bounds import Count, Share
@@ -41,7 +41,7 @@ class CloningConfig:
     """gradient steps between validations"""
 
     def __post_init__(self) -> None:
-        check_kinds(self)
+        check_fields(self)
         if self.architecture.dropout:
             raise ContractError(f"architecture.dropout is {self.architecture.dropout}", "0", "cloning drops no units")
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Annotated, ClassVar
 
-from rled_msgs_py.kinds import Range
+from rled_msgs_py.validation import Range
 
 from rled_agent.bounds import MAX_TRANSITIONS
 from rled_agent.exploration.strategy import Strategy

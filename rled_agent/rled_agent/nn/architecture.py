@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from rled_msgs_py.kinds import Length, Range
+from rled_msgs_py.validation import Length, Range
 
 Activation = Literal["relu", "leaky_relu"]
 Weights = Literal["fan_in", "glorot"]

@@ -9,9 +9,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from rled_msgs_py.errors import ContractError
-from rled_msgs_py.foreign import read_json
-from rled_msgs_py.kinds import Range, check_kinds, from_object
 from rled_msgs_py.task import TaskDescription
+from rled_msgs_py.untrusted import read_json
+from rled_msgs_py.validation import Range, check_fields, from_object
 
 from rled_agent.bounds import Amount
 from rled_agent.nn.architecture import Architecture
@@ -47,7 +47,7 @@ class GateSettings:
     estimator: Estimator = "dropout"
 
     def __post_init__(self) -> None:
-        check_kinds(self)
+        check_fields(self)
 
     def __str__(self) -> str:
         return f"{self.measure}, threshold {self.threshold:g}, {self.passes} passes"
@@ -206,5 +206,5 @@ def _described(file: TensorFile) -> _Description:
 
 def _read(kind: type[R], values: Any, what: str) -> R:
     record = from_object(kind, values, what)
-    check_kinds(record, f"{what}.")
+    check_fields(record, f"{what}.")
     return record

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import torch
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.files import whole_file
-from rled_msgs_py.foreign import MAX_TEXT
+from rled_msgs_py.untrusted import MAX_TEXT
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor

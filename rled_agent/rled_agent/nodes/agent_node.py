@@ -3,6 +3,7 @@
 import math
 import time
 from functools import partial
+from threading import Event
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,19 +12,14 @@ from numpy.typing import NDArray
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rled_agent.deploy.arbiter import Arbiter, Outcome, Situation
-from rled_agent.deploy.online_learning import Answered, OnlineLearning
-from rled_agent.deploy.piloting import Pilot, Proposal, load_policies, observe
-from rled_agent.nodes.agent_params import AgentParams
-from rled_agent.nodes.agent_report import AgentReport, gate_decision
-from rled_msgs_py.awaiting import brought_by, say_what_is_awaited
-from rled_msgs_py.callbacks import Ending, every, serve
-from rled_msgs_py.command_output import CommandOutput
 from rled_msgs_py.errors import ContractError, RledError
-from rled_msgs_py.life import watch_life
 from rled_msgs_py.messages import encode
-from rled_msgs_py.node import advertise, declare, run_node, spin, subscribe, subscribe_ticks
 from rled_msgs_py.records import Actor, DeltaCommand, GateCode, Text
+from rled_msgs_py.ros.callbacks import Ending, every, serve
+from rled_msgs_py.ros.command_output import CommandOutput
+from rled_msgs_py.ros.liveliness import watch_liveliness
+from rled_msgs_py.ros.node import advertise, declare, run_node, spin, subscribe, subscribe_ticks
+from rled_msgs_py.ros.waiting import report_waiting, waiting_for
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import STATE_TOPICS, Tick
 from rled_msgs_py.topics import (
@@ -37,8 +33,14 @@ from rled_msgs_py.topics import (
 )
 from rled_sim.commands import displacement
 from rled_sim.kinematics import Chain
-from rled_sim.limits import Guard
+from rled_sim.motion_guard import Guard
 from std_srvs.srv import SetBool, Trigger
+
+from rled_agent.deploy.arbiter import Arbiter, Outcome, Situation
+from rled_agent.deploy.online_learning import Answered, OnlineLearning
+from rled_agent.deploy.piloting import Pilot, Proposal, load_policies, observe
+from rled_agent.nodes.agent_params import AgentParams
+from rled_agent.nodes.agent_report import AgentReport, decision_of
 
 POLL_PERIOD = 0.02
 """Seconds between two looks at a state that waits for a person."""
@@ -98,19 +100,16 @@ class AgentNode(Node):
         ):
             subscribe(self, topic, hear, partial(self._refuse, topic))
         subscribe_ticks(self, self._on_tick)
-        self._life = watch_life(self, TASK_DESCRIPTION, self._on_life)
-        self._serve()
-        if self._params.learn:
-            self._learning.start()
-        every(self, 1.0, self._say_health)
-        every(self, POLL_PERIOD, self._decide)
-        say_what_is_awaited(self, self._awaited)
-
-    def _serve(self) -> None:
+        self._life = watch_liveliness(self, TASK_DESCRIPTION, self._on_life)
         serve(self, SetBool, "~/enable", self._on_enable)
         serve(self, SetBool, "~/estop", self._on_estop)
         serve(self, SetBool, "~/learn", self._on_learn)
         serve(self, Trigger, "~/save", self._on_save)
+        if self._params.learn:
+            self._learning.start()
+        every(self, 1.0, self._say_health)
+        every(self, POLL_PERIOD, self._decide)
+        report_waiting(self, self._awaited)
 
     def _awaited(self) -> str:
         missing = [
@@ -118,7 +117,7 @@ class AgentNode(Node):
             *([ROBOT_DESCRIPTION.name] if not self._urdf else []),
             *([] if self._newest >= 0 else [topic.name for topic in STATE_TOPICS]),
         ]
-        return brought_by(self, "sim_node", ", ".join(missing)) if missing else ""
+        return waiting_for(self, "sim_node", ", ".join(missing)) if missing else ""
 
     def _on_change(self, given: AgentParams) -> None:
         params = given.in_force(self._trained)
@@ -237,7 +236,7 @@ class AgentNode(Node):
             return
         self._told = waiting.tick.stamp, outcome.code
         self._report.decided(outcome.code)
-        self._gate.publish(encode(SAFETY_GATE, gate_decision(waiting.tick, waiting.proposal, outcome)))
+        self._gate.publish(encode(SAFETY_GATE, decision_of(waiting.tick, waiting.proposal, outcome)))
 
     def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._enabled = request.data
@@ -286,13 +285,14 @@ def _say(response: Any, success: bool, message: str) -> Any:
     return response
 
 
+def _spin(node: AgentNode, stop: Event) -> None:
+    spin(node, stop, EventsExecutor(context=node.context))
+
+
 def main() -> None:
     """Run the node."""
     summary = "Drive the robot with a learned policy, one decision per state."
-    run_node(
-        AgentNode, AgentParams, "agent_node", summary,
-        lambda node, stop: spin(node, stop, EventsExecutor(context=node.context)),
-    )  # fmt: skip
+    run_node(AgentNode, AgentParams, "agent_node", summary, _spin)
 
 
 if __name__ == "__main__":

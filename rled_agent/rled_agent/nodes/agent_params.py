@@ -2,14 +2,15 @@
 
 from dataclasses import dataclass, replace
 
+from rled_msgs_py.errors import ContractError
+from rled_msgs_py.params import param
+
 from rled_agent.deploy.arbiter import ArbiterSettings
 from rled_agent.deploy.learner_client import PRIORITIES
 from rled_agent.deploy.piloting import StrategySettings
 from rled_agent.nn.policy import GateSettings
 from rled_agent.uncertainty.measures import MEASURES
 from rled_agent.uncertainty.uncertainty import STD
-from rled_msgs_py.errors import ContractError
-from rled_msgs_py.params import param
 
 TRAINED = "trained"
 AS_TRAINED = {"threshold": -1.0, "measure": TRAINED, "passes": 0}

@@ -1,21 +1,13 @@
-"""What the agent node says of its decisions on ``safety_gate``, and of itself on ``/diagnostics``."""
+"""What the agent node says of itself on ``/diagnostics``."""
 
 from collections import Counter
+
+from rled_msgs_py.records import GateCode, GateDecision, Health, Level
+from rled_msgs_py.tick import Tick
 
 from rled_agent.deploy.arbiter import Arbiter, Outcome
 from rled_agent.deploy.learner_client import LearnerClient
 from rled_agent.deploy.piloting import Proposal
-from rled_msgs_py.records import GateCode, GateDecision, Health, Level
-from rled_msgs_py.tick import Tick
-
-
-def gate_decision(tick: Tick, proposal: Proposal, outcome: Outcome) -> GateDecision:
-    """Who moves the robot in the state of a tick, and what was compared."""
-    status, measured = tick.status, (proposal.uncertainty, proposal.threshold, proposal.measure)
-    return GateDecision(
-        tick.stamp, outcome.level, outcome.actor, outcome.reason, *measured,
-        episode=status.episode, step=status.step, code=outcome.code,
-    )  # fmt: skip
 
 
 class AgentReport:
@@ -70,3 +62,19 @@ class AgentReport:
         elif arbiter.stopped:
             level, message = Level.ERROR, "emergency stop"
         return Health(now, level, "agent_node: policy", message, values)
+
+
+def decision_of(tick: Tick, proposal: Proposal, outcome: Outcome) -> GateDecision:
+    """What ``safety_gate`` says of one decision."""
+    return GateDecision(
+        tick.stamp,
+        outcome.level,
+        outcome.actor,
+        outcome.reason,
+        proposal.uncertainty,
+        proposal.threshold,
+        proposal.measure,
+        episode=tick.status.episode,
+        step=tick.status.step,
+        code=outcome.code,
+    )

@@ -14,18 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rled_agent.nodes.restart import Restart
-from rled_msgs_py.awaiting import brought_by
-from rled_msgs_py.command_output import CommandOutput
+from rled_msgs_py.debounce import WaitingReport
 from rled_msgs_py.errors import RledError
-from rled_msgs_py.kinds import LARGEST
-from rled_msgs_py.lasting import Waiting
-from rled_msgs_py.node import fresh_context, subscribe, subscribe_ticks
 from rled_msgs_py.records import DeltaCommand, Text
+from rled_msgs_py.ros.command_output import CommandOutput
+from rled_msgs_py.ros.node import fresh_context, subscribe, subscribe_ticks
+from rled_msgs_py.ros.waiting import waiting_for
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import Tick
 from rled_msgs_py.topics import TASK_DESCRIPTION
+from rled_msgs_py.validation import MAX_INT
 from rled_sim.action import action_array, refuse_options
+
+from rled_agent.nodes.restart import Restart
 
 Floats = NDArray[np.float32]
 REMEDY = "is sim_node running, in this ROS_DOMAIN_ID, with --mode lockstep?"
@@ -64,12 +65,12 @@ class _Graph:
             RledError: it does not within the timeout, or the environment is closed.
         """
         self.require_open()
-        deadline, waiting = time.monotonic() + self.timeout, Waiting()
+        deadline, waiting = time.monotonic() + self.timeout, WaitingReport()
         while not done():
             if (now := time.monotonic()) > deadline:
                 raise RledError(f"waited {self.timeout:g} s for {what}", "", REMEDY)
             if waiting.is_due(what, now):
-                self.node.get_logger().info(f"waiting for {brought_by(self.node, 'sim_node', what)}")
+                self.node.get_logger().info(f"waiting for {waiting_for(self.node, 'sim_node', what)}")
             self._executor.spin_once(timeout_sec=0.1)
 
     def leave(self) -> None:
@@ -112,6 +113,15 @@ class GraphEnv(gymnasium.Env[Floats, Floats]):
         most = self.task.max_delta
         self.action_space = gymnasium.spaces.Box(-most, most, (self.task.action_size,), np.float32)
 
+    @property
+    def is_repeatable(self) -> bool:
+        """Whether the same seed and actions give the same episode again, as of a simulation in lockstep.
+
+        Raises:
+            RledError: no answer.
+        """
+        return self._restart.is_repeatable()
+
     def __reduce_ex__(self, _: Any) -> NoReturn:
         """Refuse a copy.
 
@@ -129,8 +139,8 @@ class GraphEnv(gymnasium.Env[Floats, Floats]):
         """
         refuse_options(options)
         super().reset(seed=seed)
-        if seed is not None and seed >= LARGEST:
-            raise RledError(f"seed {seed}", f"0 to {LARGEST - 1} over the graph")
+        if seed is not None and seed >= MAX_INT:
+            raise RledError(f"seed {seed}", f"0 to {MAX_INT - 1} over the graph")
         begins = self._restart.begin(seed)
         tick = self._next(lambda tick: tick.stamp >= begins)
         return self._seen(tick)

@@ -8,15 +8,15 @@ from typing import NamedTuple
 
 import rclpy
 from rclpy.node import Node
-from rled_msgs_py.awaiting import brought_by, say_what_is_awaited
 from rled_msgs_py.bags import BagWriter
 from rled_msgs_py.bags.header import stamp_of
-from rled_msgs_py.callbacks import every, listen
-from rled_msgs_py.convert import MESSAGE_CLASSES, qos_profile
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.messages import require_size
 from rled_msgs_py.middleware import return_messages
-from rled_msgs_py.node import spin, start_ros
+from rled_msgs_py.ros.callbacks import every, listen
+from rled_msgs_py.ros.convert import MESSAGE_CLASSES, qos_profile
+from rled_msgs_py.ros.node import spin, start_ros
+from rled_msgs_py.ros.waiting import report_waiting, waiting_for
 from rled_msgs_py.stopping import stop_requested
 from rled_msgs_py.tick import STATE_TOPICS
 from rled_msgs_py.topics import JOINT_STATES, RECORDED, Qos, Topic
@@ -60,7 +60,7 @@ class LiveDemonstrations(Node):
 
         every(self, LOOK, look)
         publisher = "record_demos with an operator, or replay_demos,"
-        say_what_is_awaited(self, lambda: "" if self._heard else brought_by(self, publisher, "a demonstration"))
+        report_waiting(self, lambda: "" if self._heard else waiting_for(self, publisher, "a demonstration"))
 
     def write(self, path: Path) -> int:
         """Write what was heard as a bag; returns how many messages.

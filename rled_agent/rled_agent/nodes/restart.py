@@ -2,12 +2,12 @@
 
 from collections.abc import Callable
 
-from rcl_interfaces.srv import SetParameters
+from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rled_msgs_py.client import Client
-from rled_msgs_py.episode_begin import read_begin
 from rled_msgs_py.errors import RledError
+from rled_msgs_py.reset_answer import ResetAnswer
+from rled_msgs_py.ros.client import Client
 from std_srvs.srv import Trigger
 
 PATIENCE = 30.0
@@ -28,6 +28,16 @@ class Restart:
         self._wait = wait
         self._reset = Client(node, Trigger, f"{simulation}/reset", PATIENCE)
         self._parameters = Client(node, SetParameters, f"{simulation}/set_parameters", PATIENCE)
+        self._asked = Client(node, GetParameters, f"{simulation}/get_parameters", PATIENCE)
+
+    def is_repeatable(self) -> bool:
+        """Whether what is begun with a seed is the same again: of a simulation in lockstep, of nothing else.
+
+        Raises:
+            RledError: no answer.
+        """
+        values = self._asked.call(GetParameters.Request(names=["mode", "seed"]), self._wait).values
+        return [value.string_value for value in values[:1]] == ["lockstep"]
 
     def begin(self, seed: int | None = None) -> int:
         """Begin the next episode now; with a seed, the simulation's random draws begin anew.
@@ -48,4 +58,4 @@ class Restart:
         answer = self._reset.call(Trigger.Request(), self._wait)
         if not answer.success:
             raise RledError(f"the simulation refused a reset: {answer.message}")
-        return read_begin(answer.message)
+        return ResetAnswer.from_json(answer.message).stamp

@@ -13,21 +13,22 @@ import numpy as np
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rled_msgs_py.errors import RledError
+from rled_msgs_py.files import write_whole
+from rled_msgs_py.outputs import require_output
+from rled_msgs_py.params import param
+from rled_msgs_py.records import Text
+from rled_msgs_py.ros.callbacks import Ending, ends_node, every
+from rled_msgs_py.ros.node import declare, run_node, spin, spin_until, subscribe, subscribe_ticks
+from rled_msgs_py.ros.waiting import report_waiting, waiting_for
+from rled_msgs_py.task import TaskDescription
+from rled_msgs_py.tick import Tick
+from rled_msgs_py.topics import JOINT_STATES, TASK_DESCRIPTION
+
 from rled_agent.nodes.episode_log import Episode, EpisodeLog
 from rled_agent.nodes.restart import Restart
 from rled_agent.training.plots import draw_tool_paths, drawn_plane
 from rled_agent.training.progress import Progress
-from rled_msgs_py.awaiting import brought_by, say_what_is_awaited
-from rled_msgs_py.callbacks import Ending, ends_node, every
-from rled_msgs_py.errors import RledError
-from rled_msgs_py.files import write_whole
-from rled_msgs_py.node import declare, run_node, spin, spin_until, subscribe, subscribe_ticks
-from rled_msgs_py.outputs import require_output
-from rled_msgs_py.params import param
-from rled_msgs_py.records import Text
-from rled_msgs_py.task import TaskDescription
-from rled_msgs_py.tick import Tick
-from rled_msgs_py.topics import JOINT_STATES, TASK_DESCRIPTION
 
 WAIT = 30.0
 """Seconds without a tick after which watching gives up."""
@@ -69,7 +70,7 @@ class WatchEpisodes(Node):
         subscribe_ticks(self, self._on_tick, depth=10_000)  # outlasts a busy moment of this process
         self.waits = ""
         every(self, 1.0, self._check)
-        say_what_is_awaited(self, self._awaited)
+        report_waiting(self, self._awaited)
 
     def _on_task(self, text: Text) -> None:
         self._task = TaskDescription.from_json(text.data)
@@ -83,12 +84,12 @@ class WatchEpisodes(Node):
 
     def _awaited(self) -> str:
         if self.waits:
-            return brought_by(self, "sim_node", self.waits)
+            return waiting_for(self, "sim_node", self.waits)
         if not self._ticked:
-            return brought_by(self, "sim_node", JOINT_STATES.name)
+            return waiting_for(self, "sim_node", JOINT_STATES.name)
         if time.monotonic() - self._heard > STALLED:
-            return brought_by(self, "agent_node or an operator", "the next tick")
-        return brought_by(self, "sim_node", TASK_DESCRIPTION.name) if self._log.full and self._task is None else ""
+            return waiting_for(self, "agent_node or an operator", "the next tick")
+        return waiting_for(self, "sim_node", TASK_DESCRIPTION.name) if self._log.full and self._task is None else ""
 
     def _on_tick(self, tick: Tick) -> None:
         if self._log.full:

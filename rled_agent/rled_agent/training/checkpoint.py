@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from rled_msgs_py.errors import ContractError
-from rled_msgs_py.foreign import read_json
+from rled_msgs_py.untrusted import read_json
 from torch import Tensor
 
 from rled_agent.nn.tensor_file import TensorFile, damaged, open_tensors, write_tensors

@@ -7,9 +7,9 @@ from typing import Annotated, Any, Literal
 
 import tyro
 from rled_msgs_py.errors import ContractError
-from rled_msgs_py.kinds import Range, check_kinds, from_object
+from rled_msgs_py.validation import Range, check_fields, from_object
 from rled_sim.faults import Faults
-from rled_sim.tasks import MOST_SPREAD
+from rled_sim.tasks import MAX_TARGET_SPREAD
 
 from rled_agent.bounds import MANY, MAX_TRANSITIONS, Count, Seed
 from rled_agent.methods.method import Method
@@ -41,7 +41,7 @@ class Schedule:
     """steps between checkpoints, a multiple of log_every"""
 
     def __post_init__(self) -> None:
-        check_kinds(self, "schedule.")
+        check_fields(self, "schedule.")
         for name in ("evaluate_every", "checkpoint_every"):
             value = getattr(self, name)
             if value % self.log_every:
@@ -60,7 +60,7 @@ class TrainConfig:
     """Gymnasium environment"""
     reward: Literal["dense", "sparse", "own"] = "sparse"
     """reward function of section 4.1.3; own: what the environment pays"""
-    target_spread: Annotated[float, Range(0, MOST_SPREAD)] = 0.0
+    target_spread: Annotated[float, Range(0, MAX_TARGET_SPREAD)] = 0.0
     """how far beside the curve targets lie at most, along each axis (m); over the graph it is sim_node's"""
     seed: Seed = 0
     """of everything that is drawn; the same seed gives the same run"""
@@ -70,8 +70,8 @@ class TrainConfig:
     """on purpose, in process; over the graph they are those of sim_node"""
 
     def __post_init__(self) -> None:
-        check_kinds(self)
-        check_kinds(self.method)
+        check_fields(self)
+        check_fields(self.method)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, for JSON; the method by its name, and its settings."""

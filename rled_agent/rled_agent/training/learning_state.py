@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from rled_msgs_py.errors import RledError
-from rled_msgs_py.kinds import LARGEST
+from rled_msgs_py.validation import MAX_INT
 from torch import Tensor
 
 from rled_agent.methods.method import Learning
@@ -68,7 +68,7 @@ def whole_number(state: dict[str, Any], name: str) -> int:
         TensorFileError: it is none.
     """
     value = state[name]
-    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value < LARGEST:
+    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value < MAX_INT:
         raise TensorFileError(f"the checkpoint says {str(value)[:40]} as {name}", "a whole number, 0 or more")
     return value
 

@@ -13,8 +13,8 @@ from typing import Any
 import torch
 from rled_msgs_py.errors import ContractError, RledError
 from rled_msgs_py.files import write_whole
-from rled_msgs_py.foreign import read_json, read_text
 from rled_msgs_py.outputs import require_output
+from rled_msgs_py.untrusted import read_json, read_text
 
 from rled_agent.methods.method import Method
 from rled_agent.training.checkpoint import Checkpoint, read_checkpoint, write_checkpoint

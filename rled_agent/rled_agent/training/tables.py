@@ -5,7 +5,7 @@ import io
 from pathlib import Path
 
 from rled_msgs_py.errors import ContractError, RledError
-from rled_msgs_py.foreign import read_text
+from rled_msgs_py.untrusted import read_text
 
 LARGEST = 64 << 20
 """Bytes of a table: some hundred thousand rows."""

@@ -21,7 +21,7 @@ from rled_msgs_py.topics import Topic
 Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
-MOST_SIZES = 16
+MAX_SIZES = 16
 """Sizes of messages in a run that are looked at each on their own."""
 
 
@@ -49,13 +49,13 @@ class Kind(NamedTuple):
         labels: what the labels are, for an error; None where they may differ from message to message.
         of: the row of a record.
         place: adds the fields after the header to a layout, for n labels.
-        look: both number columns of messages seen through that layout, or None where one is not valid.
+        view: both number columns of messages seen through that layout, or None where one is not valid.
     """
 
     labels: str | None
     of: Callable[[Any], Columns]
     place: Callable[[Layout, int], None]
-    look: Callable[[NDArray[np.void], Record], tuple[Floats, Floats] | None]
+    view: Callable[[NDArray[np.void], Record], tuple[Floats, Floats] | None]
 
 
 def payloads(run: Messages) -> Iterator[bytes]:
@@ -101,7 +101,7 @@ def _of_one_size(run: Messages) -> list[NDArray[np.intp] | None]:
     sizes, of = (run.size[:1], None) if not np.diff(run.size).any() else np.unique(run.size, return_inverse=True)
     if not len(sizes):
         return []
-    return [None] if of is None or len(sizes) > MOST_SIZES else [np.flatnonzero(of == k) for k in range(len(sizes))]
+    return [None] if of is None or len(sizes) > MAX_SIZES else [np.flatnonzero(of == k) for k in range(len(sizes))]
 
 
 def _places(run: Messages, chosen: NDArray[np.intp] | None) -> Stamps:
@@ -127,7 +127,7 @@ def _looked_at(kind: Kind, run: Messages, first: Record) -> Columns | None:
     stamps = None if rows is None else stamps_of(rows)
     if rows is None or stamps is None:
         return None
-    numbers = kind.look(rows, first)
+    numbers = kind.view(rows, first)
     return Columns(stamps, labels, *numbers) if numbers else None
 
 

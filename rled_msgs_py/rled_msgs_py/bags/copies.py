@@ -14,14 +14,14 @@ from typing import NamedTuple
 import numpy as np
 
 from rled_msgs_py.bags.bag import Bag
-from rled_msgs_py.bags.episodes import CUTS, Episode, cuts, episodes, event_of, legs
+from rled_msgs_py.bags.episodes import CUTS, Episode, cuts, episodes, event_of, find_segments
 from rled_msgs_py.bags.error import BagError, Unwritten
 from rled_msgs_py.bags.header import sim_stamp
 from rled_msgs_py.bags.holding import require_idle, temporary_folder
 from rled_msgs_py.bags.series import series
 from rled_msgs_py.bags.stamps import going_on
 from rled_msgs_py.bags.stream import Message
-from rled_msgs_py.bags.timeline import Timeline, timeline
+from rled_msgs_py.bags.timeline import Timeline, read_timeline
 from rled_msgs_py.bags.writer import BagWriter, making_way, require_replaceable
 from rled_msgs_py.errors import command
 from rled_msgs_py.messages import NANOSECONDS, decode
@@ -30,7 +30,7 @@ from rled_msgs_py.tick import STATE_NAMES
 from rled_msgs_py.topics import EPISODE_EVENTS, JOINT_STATES, ROBOT_DESCRIPTION, TASK_DESCRIPTION, Topic
 
 DESCRIPTIONS = (ROBOT_DESCRIPTION.name, TASK_DESCRIPTION.name)
-MOST = 1e9
+MAX_SECONDS = 1e9
 """More seconds than a recording has."""
 Report = Callable[[int], None]
 Cuts = list[tuple[int, int]]
@@ -76,8 +76,12 @@ def trim(bag: Bag, output: Path, begin: float, end: float, report: Report, *, ov
     states = series(bag, JOINT_STATES).moments
     zero = int(states[0]) if len(states) else next(dated(bag)).moment
     first, stop = _moment(zero, begin), _moment(zero, end)
-    line = timeline(bag) if bag.counts[EPISODE_EVENTS.name] else None
-    of = {each.number for each in episodes(bag, line) if each.first < stop and each.last >= first} if line else set()
+    timeline = read_timeline(bag) if bag.counts[EPISODE_EVENTS.name] else None
+    of = (
+        {each.number for each in episodes(bag, timeline) if each.first < stop and each.last >= first}
+        if timeline
+        else set()
+    )
 
     def stays(each: Dated) -> bool:
         if each.name == EPISODE_EVENTS.name:
@@ -89,7 +93,9 @@ def trim(bag: Bag, output: Path, begin: float, end: float, report: Report, *, ov
 
 def _moment(zero: int, seconds: float) -> float:
     """A moment so many seconds after another (ns)."""
-    return zero + round(min(max(seconds, -MOST), MOST) * NANOSECONDS) if math.isfinite(seconds) else seconds
+    return (
+        zero + round(min(max(seconds, -MAX_SECONDS), MAX_SECONDS) * NANOSECONDS) if math.isfinite(seconds) else seconds
+    )
 
 
 def drop(bag: Bag, output: Path, numbers: Collection[int], report: Report, *, overwrite: bool = False) -> int:
@@ -98,15 +104,15 @@ def drop(bag: Bag, output: Path, numbers: Collection[int], report: Report, *, ov
     Raises:
         BagError: there is no such episode, nothing is left, the bag is damaged, or the copy cannot be written.
     """
-    line = timeline(bag)
-    found = {episode.number: episode for episode in episodes(bag, line)}
+    timeline = read_timeline(bag)
+    found = {episode.number: episode for episode in episodes(bag, timeline)}
     unknown = sorted(set(numbers) - set(found))
     if unknown:
         accepted = f"{min(found)} to {max(found)}" if found else "none: the bag has no episodes"
         raise BagError(f"{bag.path} has no episode {unknown[0]}", accepted, _look_at(bag))
     has_events = bool(bag.counts[EPISODE_EVENTS.name])
-    starts = {leg.first for leg in legs(line, cuts(bag))}
-    spans = _joined([_span(found[number], line, starts, has_events) for number in sorted(set(numbers))])
+    starts = {segment.first for segment in find_segments(timeline, cuts(bag))}
+    spans = _joined([_span(found[number], timeline, starts, has_events) for number in sorted(set(numbers))])
 
     def stays(each: Dated) -> bool:
         name, moment, _ = each
@@ -118,7 +124,7 @@ def drop(bag: Bag, output: Path, numbers: Collection[int], report: Report, *, ov
         within = (first + (name in STATE_NAMES and not has_events) <= moment < stop for first, stop in spans)
         return not any(within)
 
-    gone = [_gap(line, span, has_events) for span in spans]
+    gone = [_gap(timeline, span, has_events) for span in spans]
     return _copy(bag, output, stays, sorted(cuts(bag) + gone), report, overwrite)
 
 
@@ -132,13 +138,13 @@ def leave_out(bag: Bag, output: Path, begin: float, end: float, report: Report, 
     Raises:
         BagError: no tick is left, the bag is damaged, or the copy cannot be written.
     """
-    states, line = series(bag, JOINT_STATES).moments, timeline(bag)
+    states, timeline = series(bag, JOINT_STATES).moments, read_timeline(bag)
     zero = int(states[0]) if len(states) else next(dated(bag)).moment
     first, stop = _moment(zero, begin), _moment(zero, end)
-    before, after = line.moments[line.moments < first], line.moments[line.moments >= stop]
+    before, after = timeline.moments[timeline.moments < first], timeline.moments[timeline.moments >= stop]
     if not len(before) + len(after):
         raise BagError(f"nothing of {bag.path} is left", "a stretch with messages", _look_at(bag))
-    latest, last = zero, int(line.moments[-1]) + NANOSECONDS
+    latest, last = zero, int(timeline.moments[-1]) + NANOSECONDS
 
     def stays(each: Dated) -> bool:
         nonlocal latest  # a message that cannot be read may say any time
@@ -149,9 +155,9 @@ def leave_out(bag: Bag, output: Path, begin: float, end: float, report: Report, 
     return _copy(bag, output, stays, sorted(cuts(bag) + gone), report, overwrite)
 
 
-def _span(episode: Episode, line: Timeline, starts: set[int], has_events: bool) -> tuple[int, int]:
+def _span(episode: Episode, timeline: Timeline, starts: set[int], has_events: bool) -> tuple[int, int]:
     """First moment and end of what goes with an episode (ns)."""
-    last = episode.legs[-1].last if episode.legs else len(line.moments) - 1
+    last = episode.segments[-1].last if episode.segments else len(timeline.moments) - 1
     led_on = not has_events and last in starts
     return episode.first, episode.last + (not led_on)
 
@@ -167,11 +173,11 @@ def _joined(spans: Cuts) -> Cuts:
     return joined
 
 
-def _gap(line: Timeline, span: tuple[int, int], has_events: bool) -> tuple[int, int]:
+def _gap(timeline: Timeline, span: tuple[int, int], has_events: bool) -> tuple[int, int]:
     """Last moment before and first moment after what goes (ns)."""
-    first, stop = np.searchsorted(line.moments, span).tolist()
-    before = line.moments[max(first - has_events, 0)]
-    return int(before), int(line.moments[min(stop, len(line.moments) - 1)])
+    first, stop = np.searchsorted(timeline.moments, span).tolist()
+    before = timeline.moments[max(first - has_events, 0)]
+    return int(before), int(timeline.moments[min(stop, len(timeline.moments) - 1)])
 
 
 def _episode_of(bag: Bag, each: Dated) -> int:

@@ -2,8 +2,8 @@
 
 An event is JSON on ``episode_events``: ``event`` is ``start``, ``stop``, ``keep`` or ``discard``, with the number of
 its ``episode`` and a ``stamp`` (ns); other fields (``operator``, ``outcome``) say more. A bag without events has an
-episode for each target that was gone for. What comes before the last mark, of an episode or of a bag without events, is
-no way to a target.
+episode for each target that was pursued. What comes before the last mark, of an episode or of a bag without events, is
+no segment.
 """
 
 from itertools import chain
@@ -19,9 +19,9 @@ from rled_msgs_py.bags.series import series
 from rled_msgs_py.bags.stamps import Times
 from rled_msgs_py.bags.timeline import Timeline
 from rled_msgs_py.errors import ContractError
-from rled_msgs_py.foreign import read_json
 from rled_msgs_py.records import Text
 from rled_msgs_py.topics import EPISODE_EVENTS, MARKED_JOINT_STATES
+from rled_msgs_py.untrusted import read_json
 
 EVENTS = ("start", "stop", "keep", "discard")
 FOREVER = 2**63 - 1
@@ -30,8 +30,8 @@ CUTS = "cuts"
 """Key of the metadata that lists where parts were taken out of a bag on purpose: pairs of moments (ns), JSON."""
 
 
-class Leg(NamedTuple):
-    """The way to one target.
+class Segment(NamedTuple):
+    """The trajectory to one target.
 
     Attributes:
         first: its first row of the timeline.
@@ -51,7 +51,7 @@ class Episode(NamedTuple):
         number: as counted by the recorder, or from 0.
         first: when it begins (ns).
         last: when it ends (ns).
-        legs: the ways to its targets, in order.
+        segments: the trajectories to its targets, in order.
         kept: False when its operator discarded it.
         operator: who drove; empty when not known.
         outcome: in the operator's words; empty when not known.
@@ -60,60 +60,67 @@ class Episode(NamedTuple):
     number: int
     first: int
     last: int
-    legs: tuple[Leg, ...]
+    segments: tuple[Segment, ...]
     kept: bool = True
     operator: str = ""
     outcome: str = ""
 
 
-def episodes(bag: Bag, line: Timeline) -> list[Episode]:
+def episodes(bag: Bag, timeline: Timeline) -> list[Episode]:
     """The episodes of a recording, discarded ones too.
 
     Raises:
         BagError: the file is damaged, or an event cannot be read.
     """
-    ways, spans = legs(line, cuts(bag)), _spans(events(bag))
+    segments, spans = find_segments(timeline, cuts(bag)), _spans(events(bag))
     marks = series(bag, MARKED_JOINT_STATES).moments
     if not spans:
-        begin = _row_after(marks, line)
-        after = [leg._replace(first=max(leg.first, begin)) for leg in ways if leg.last > begin]
-        return [_of_leg(number, leg, line) for number, leg in enumerate(after)]
-    end = int(line.moments[-1]) if len(line.moments) else 0
-    return [span._replace(last=min(span.last, end), legs=tuple(_within(span, ways, line, marks))) for span in spans]
+        begin = _row_after(marks, timeline)
+        after = [segment._replace(first=max(segment.first, begin)) for segment in segments if segment.last > begin]
+        return [_of_segment(number, segment, timeline) for number, segment in enumerate(after)]
+    end = int(timeline.moments[-1]) if len(timeline.moments) else 0
+    return [
+        span._replace(last=min(span.last, end), segments=tuple(_within(span, segments, timeline, marks)))
+        for span in spans
+    ]
 
 
-def legs(line: Timeline, taken_out: list[tuple[int, int]]) -> list[Leg]:
-    """The ways to targets: one ends where the target is reached, the episode changes or the simulation begins anew.
+def find_segments(timeline: Timeline, taken_out: list[tuple[int, int]]) -> list[Segment]:
+    """The trajectories to targets: one ends where the target is reached, or episode or run of the simulation change.
 
     A tick that repeats the step is a hold: in real time nobody commanded. Ticks that were lost, or taken out while the
-    same target was pursued, part no way either.
+    same target was pursued, divide no segment either.
     """
-    if not len(line.moments):
+    if not len(timeline.moments):
         return []
-    goes_on = _goes_on(line) & ~_parted(line, taken_out)
-    starts = np.flatnonzero(np.append(True, ~goes_on | (np.diff(line.reached) != 0)))
-    stops = np.append(starts[1:], len(line.moments))
+    goes_on = _goes_on(timeline) & ~_parted(timeline, taken_out)
+    starts = np.flatnonzero(np.append(True, ~goes_on | (np.diff(timeline.reached) != 0)))
+    stops = np.append(starts[1:], len(timeline.moments))
     found = []
     for first, stop in zip(starts.tolist(), stops.tolist(), strict=True):
-        led_on = stop < len(line.moments) and bool(goes_on[stop - 1])
-        if line.answered[first:stop].any():
-            reached = led_on and bool(line.reached[stop] > line.reached[stop - 1])
-            found.append(Leg(first, stop if led_on else stop - 1, reached))
+        led_on = stop < len(timeline.moments) and bool(goes_on[stop - 1])
+        if timeline.answered[first:stop].any():
+            reached = led_on and bool(timeline.reached[stop] > timeline.reached[stop - 1])
+            found.append(Segment(first, stop if led_on else stop - 1, reached))
     return found
 
 
-def _goes_on(line: Timeline) -> NDArray[np.bool_]:
+def _goes_on(timeline: Timeline) -> NDArray[np.bool_]:
     """Whether each tick but the first continues the episode of the one before it, shape (k - 1,)."""
-    counted = np.diff(line.step)
-    anew = line.is_anew[1:] & (counted != 1)  # a clock that was set back while the steps are counted on is no restart
-    goes_on: NDArray[np.bool_] = (np.diff(line.episode) == 0) & (counted >= 0) & (np.diff(line.reached) >= 0) & ~anew
+    counted = np.diff(timeline.step)
+    anew = timeline.is_anew[1:] & (
+        counted != 1
+    )  # a clock that was set back while the steps are counted on is no restart
+    goes_on: NDArray[np.bool_] = (
+        (np.diff(timeline.episode) == 0) & (counted >= 0) & (np.diff(timeline.reached) >= 0) & ~anew
+    )
     return goes_on
 
 
-def _parted(line: Timeline, taken_out: list[tuple[int, int]]) -> NDArray[np.bool_]:
+def _parted(timeline: Timeline, taken_out: list[tuple[int, int]]) -> NDArray[np.bool_]:
     """Whether a part was taken out before each tick but the first, with the target that it led to, shape (k - 1,)."""
-    cut = np.isin(line.moments[1:], [after for _, after in taken_out])
-    cut &= (np.diff(line.reached) != 0) | (np.diff(line.target, axis=0) != 0).any(axis=1)
+    cut = np.isin(timeline.moments[1:], [after for _, after in taken_out])
+    cut &= (np.diff(timeline.reached) != 0) | (np.diff(timeline.target, axis=0) != 0).any(axis=1)
     return cut
 
 
@@ -190,23 +197,25 @@ def _spans(found: list[dict[str, Any]]) -> list[Episode]:
     return sorted(spans.values(), key=lambda span: span.first)
 
 
-def _of_leg(number: int, leg: Leg, line: Timeline) -> Episode:
-    outcome = "reached" if leg.reached else ""
-    return Episode(number, int(line.moments[leg.first]), int(line.moments[leg.last]), (leg,), outcome=outcome)
+def _of_segment(number: int, segment: Segment, timeline: Timeline) -> Episode:
+    outcome = "reached" if segment.reached else ""
+    return Episode(
+        number, int(timeline.moments[segment.first]), int(timeline.moments[segment.last]), (segment,), outcome=outcome
+    )
 
 
-def _row_after(marks: Times, line: Timeline) -> int:
+def _row_after(marks: Times, timeline: Timeline) -> int:
     """The first row after the last of some marks; before it the operator did not go for targets."""
-    return int(np.searchsorted(line.moments, marks[-1], side="right")) if len(marks) else 0
+    return int(np.searchsorted(timeline.moments, marks[-1], side="right")) if len(marks) else 0
 
 
-def _within(span: Episode, ways: list[Leg], line: Timeline, marks: Times) -> list[Leg]:
-    """The parts of legs that lie in a span, after its last mark."""
-    first, stop = np.searchsorted(line.moments, [span.first, min(span.last, FOREVER - 1) + 1]).tolist()
-    first = max(first, _row_after(marks[(marks >= span.first) & (marks <= span.last)], line))
+def _within(span: Episode, segments: list[Segment], timeline: Timeline, marks: Times) -> list[Segment]:
+    """The parts of segments that lie in a span, after its last mark."""
+    first, stop = np.searchsorted(timeline.moments, [span.first, min(span.last, FOREVER - 1) + 1]).tolist()
+    first = max(first, _row_after(marks[(marks >= span.first) & (marks <= span.last)], timeline))
     clipped = []
-    for leg in ways:
-        begin, end = max(leg.first, first), min(leg.last, stop - 1)
-        if begin < end and line.answered[begin:end].any():
-            clipped.append(Leg(begin, end, leg.reached and end == leg.last))
+    for segment in segments:
+        begin, end = max(segment.first, first), min(segment.last, stop - 1)
+        if begin < end and timeline.answered[begin:end].any():
+            clipped.append(Segment(begin, end, segment.reached and end == segment.last))
     return clipped

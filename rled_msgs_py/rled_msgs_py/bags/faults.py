@@ -12,9 +12,9 @@ from rled_msgs_py.bags.stamps import fallen_back, interleaved
 from rled_msgs_py.tick import STATE_TOPICS
 from rled_msgs_py.topics import EE_POSE, JOINT_DELTA, JOINT_STATES, TASK_STATUS
 
-SILENCE = 500_000_000
+TOPIC_TIMEOUT = 500_000_000
 """A topic that says nothing for so long while others go on has stopped (ns)."""
-STEADY = 1.5
+JUMP_FACTOR = 1.5
 """A step of the clock is a jump when it is longer than so many usual steps."""
 TOGETHER = 25
 """Messages within which the same fault is counted as one."""
@@ -97,7 +97,7 @@ def _zigzag(each: Series, period: int) -> NDArray[np.bool_]:
 def _misfits(each: Series) -> Iterator[Fault]:
     for kind, is_renamed in ((RENAMED, True), (INVALID, False)):
         of_kind = [misfit for misfit in each.misfits if misfit.is_renamed == is_renamed]
-        apart = np.flatnonzero(np.diff([misfit.moment for misfit in of_kind]) > SILENCE) + 1
+        apart = np.flatnonzero(np.diff([misfit.moment for misfit in of_kind]) > TOPIC_TIMEOUT) + 1
         for begin, end in pairwise([0, *apart.tolist(), len(of_kind)] if of_kind else []):
             first, last = of_kind[begin], of_kind[end - 1]
             more = f" (and {end - begin - 1} more)" if end - begin > 1 else ""
@@ -134,7 +134,7 @@ def _silences(each: Series, ticks: NDArray[np.int64], missing: NDArray[np.bool_]
     for first, stop in edges.reshape(-1, 2).tolist():
         count, name = stop - first, each.topic.name
         span = int(ticks[stop - 1]), int(ticks[first])
-        if span[0] - span[1] + period >= SILENCE:
+        if span[0] - span[1] + period >= TOPIC_TIMEOUT:
             yield Fault(STOPS, (name,), span[1], span[0], f"nothing for {(span[0] - span[1] + period) * 1e-9:.2f} s")
         else:
             yield Fault(LOST, (name,), span[1], span[0], f"{count} messages are missing")
@@ -149,8 +149,10 @@ def _clock(status: Series, cuts: list[tuple[int, int]]) -> Iterator[Fault]:
     same = np.diff(status.values[:, 0]) == 0
     counted = np.diff(status.values[:, 1])
     cut = np.isin(status.moments[1:], [after for _, after in cuts])
-    long = same & (counted >= 0) & (steps > STEADY * usual) & ~cut
-    in_real_time = bool((holds(status) & (steps < STEADY * usual)).any())  # and then a period may pass without a step
+    long = same & (counted >= 0) & (steps > JUMP_FACTOR * usual) & ~cut
+    in_real_time = bool(
+        (holds(status) & (steps < JUMP_FACTOR * usual)).any()
+    )  # and then a period may pass without a step
     lost = same & (counted > 1) & ~cut | long & ((counted == 0) | in_real_time)
     every = tuple(topic.name for topic in STATE_TOPICS)
     for place in np.flatnonzero(lost).tolist():
@@ -175,7 +177,7 @@ def _long_steps(states: Series, cuts: list[tuple[int, int]]) -> Iterator[Fault]:
     steps = np.diff(states.moments)
     if len(steps) > 2:
         cut = np.isin(states.moments[1:], [after for _, after in cuts])
-        for place in np.flatnonzero((steps > max(10.0 * np.median(steps), SILENCE)) & ~cut).tolist():
+        for place in np.flatnonzero((steps > max(10.0 * np.median(steps), TOPIC_TIMEOUT)) & ~cut).tolist():
             what = f"the stamp jumps ahead by {steps[place] * 1e-9:.3f} s"
             span = int(states.moments[place]), int(states.moments[place + 1])
             yield Fault(CLOCK_JUMP, (states.topic.name,), *span, what)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from rled_msgs_py.bags.columns import Floats, Stamps
 from rled_msgs_py.bags.stamps import going_on
 from rled_msgs_py.bags.tables import JointTable
-from rled_msgs_py.joint_halves import MAX_AGE
+from rled_msgs_py.joint_merger import MAX_AGE
 
 Places = NDArray[np.intp]
 

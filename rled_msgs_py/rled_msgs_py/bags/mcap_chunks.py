@@ -17,7 +17,7 @@ from rled_msgs_py.bags.mcap_records import HEAD
 
 CHUNK_HEAD = Struct("<QQQII")
 LENGTH = Struct("<Q")
-LARGEST = 1 << 30
+MAX_CHUNK = 1 << 30
 """Bytes of a chunk; recorders make chunks of some megabytes, few of some hundred."""
 SMALL_CHUNK, SMALL_FILE = 16 << 20, 64 << 20
 """Bytes up to which a chunk, and all chunks of a file, may be packed as well as can be."""
@@ -83,8 +83,8 @@ def chunk_record(records: bytes | bytearray, first: int, last: int, packer: zsta
 
     Args:
         records: its content.
-        first: least log time in it (ns).
-        last: greatest log time in it (ns).
+        first: minimum log time in it (ns).
+        last: maximum log time in it (ns).
         packer: None leaves the content as it is, and so does one that makes it smaller than ``CHUNK_RATIO`` tells.
     """
     name, content = (ZSTD.encode(), packer.compress(records)) if packer else (b"", records)
@@ -105,9 +105,9 @@ def require_measure(chunks: Iterable[Chunk], size: int, path: Path) -> None:
     Raises:
         ForeignBag: it is not.
     """
-    total, most = sum(min(chunk.size, _most(chunk)) for chunk in chunks), max(SMALL_FILE, FILE_RATIO * size)
-    if total > most:
-        raise ForeignBag(f"{path} claims to hold {total} bytes in its {size}", f"{most} bytes at most")
+    total, limit = sum(min(chunk.size, _limit(chunk)) for chunk in chunks), max(SMALL_FILE, FILE_RATIO * size)
+    if total > limit:
+        raise ForeignBag(f"{path} claims to hold {total} bytes in its {size}", f"{limit} bytes at limit")
 
 
 def unpack(data: mmap | bytes, chunk: Chunk) -> bytes:
@@ -117,14 +117,14 @@ def unpack(data: mmap | bytes, chunk: Chunk) -> bytes:
         Oversized: they are out of proportion to what they are packed in.
         Damage: they cannot be unpacked, or their checksum differs.
     """
-    where, most = f"the chunk at byte {chunk.start}", _most(chunk)
+    where, limit = f"the chunk at byte {chunk.start}", _limit(chunk)
     packed = data[chunk.start : chunk.stop]
     try:
-        if (claimed := _claimed(packed, chunk)) > most:
+        if (claimed := _claimed(packed, chunk)) > limit:
             raise Oversized(f"{where} claims to hold {claimed} bytes in its {len(packed)}")
-        records = _unpacked(packed, chunk, min(chunk.size, most))
+        records = _unpacked(packed, chunk, min(chunk.size, limit))
         if len(records) != chunk.size and chunk.crc:  # what has its checksum is right, whatever its size
-            records = _unpacked(packed, chunk, most)
+            records = _unpacked(packed, chunk, limit)
     except (zstandard.ZstdError, RuntimeError, MemoryError) as error:
         raise Damage(f"{where} cannot be unpacked ({error})") from None
     if crc32(records) != chunk.crc if chunk.crc else len(records) != chunk.size:
@@ -138,18 +138,20 @@ def _claimed(packed: bytes, chunk: Chunk) -> int:
     return claimed if claimed >= 0 and chunk.crc else max(claimed, chunk.size)
 
 
-def _most(chunk: Chunk) -> int:
+def _limit(chunk: Chunk) -> int:
     """Bytes that a chunk may have when it is unpacked."""
-    return min(LARGEST, max(SMALL_CHUNK, CHUNK_RATIO * (chunk.stop - chunk.start)))
+    return min(MAX_CHUNK, max(SMALL_CHUNK, CHUNK_RATIO * (chunk.stop - chunk.start)))
 
 
-def _unpacked(packed: bytes, chunk: Chunk, most: int) -> bytes:
-    """The content of a chunk; where it is larger than ``most`` bytes, so many at the most, or nothing."""
+def _unpacked(packed: bytes, chunk: Chunk, limit: int) -> bytes:
+    """The content of a chunk; where it is larger than ``limit`` bytes, so many at the limit, or nothing."""
     if chunk.compression == ZSTD:
         # a broken frame may claim any size, and would be given the memory
-        return _zstd().decompress(packed, max_output_size=most) if zstandard.frame_content_size(packed) <= most else b""
+        return (
+            _zstd().decompress(packed, max_output_size=limit) if zstandard.frame_content_size(packed) <= limit else b""
+        )
     if chunk.compression == "lz4":
-        records: bytes = lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=most)
+        records: bytes = lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=limit)
         return records
     if chunk.compression:
         raise Damage(f"the chunk at byte {chunk.start} is packed by '{chunk.compression}', not by zstd or lz4")

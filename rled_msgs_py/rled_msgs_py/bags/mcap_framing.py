@@ -22,7 +22,7 @@ TELLING: Mapping[Opcode, Any] = {
     Opcode.ATTACHMENT: Attachment,
 }
 """Records whose content tells where it ends."""
-MOST_TOLD = 1 << 20
+MAX_RECORD_LENGTH_READ = 1 << 20
 """Bytes that are looked at behind a record that says that it is shorter."""
 
 
@@ -76,7 +76,7 @@ def _told_end(data: mmap, opcode: int, start: int, said: int) -> int | None:
         return start + INDEX_HEAD.size + int(INDEX_HEAD.unpack_from(data, start)[1])
     if opcode not in TELLING:
         return said
-    stream = ReadDataStream(BytesIO(data[start : max(said, start + MOST_TOLD)]))
+    stream = ReadDataStream(BytesIO(data[start : max(said, start + MAX_RECORD_LENGTH_READ)]))
     try:
         TELLING[Opcode(opcode)].read(stream)
     except Exception:  # the library raises whatever broken bytes lead it to

@@ -11,7 +11,7 @@ from rled_msgs_py.bags.episodes import CUTS, Episode, cuts, episodes, events
 from rled_msgs_py.bags.error import BagError
 from rled_msgs_py.bags.header import moved
 from rled_msgs_py.bags.stamps import fallen_back
-from rled_msgs_py.bags.timeline import Timeline, timeline
+from rled_msgs_py.bags.timeline import Timeline, read_timeline
 from rled_msgs_py.bags.writer import BagWriter
 from rled_msgs_py.errors import command
 from rled_msgs_py.messages import NANOSECONDS
@@ -36,7 +36,7 @@ def merge(bags: Sequence[Bag], output: Path, report: Report, *, overwrite: bool 
     taken_out, steps = Cuts(), list[_Step]()
     shift = log_shift = number = 0
     for bag in bags:
-        extent, line = _extent(bag), timeline(bag)
+        extent, line = _extent(bag), read_timeline(bag)
         if steps:
             shift = steps[-1].last + APART - extent.first
             log_shift = steps[-1].last_log + APART - extent.first_log
@@ -51,7 +51,7 @@ def merge(bags: Sequence[Bag], output: Path, report: Report, *, overwrite: bool 
 
 
 class _Extent(NamedTuple):
-    """Least and greatest moment of a bag, log times of its first and last message (ns)."""
+    """First and last moment of a bag, log times of its first and last message (ns)."""
 
     first: int
     last: int
@@ -68,7 +68,7 @@ def _extent(bag: Bag) -> _Extent:
 
 
 class _Step(NamedTuple):
-    """One recording on its way into a merged one; its own times, and by how much they move (ns)."""
+    """One recording to be merged; its own times, and by how much they move (ns)."""
 
     bag: Bag
     events: list[dict[str, Any]]

@@ -11,8 +11,8 @@ from rled_msgs_py.bags.error import BagError, Damage, ForeignBag, remedy
 from rled_msgs_py.bags.storage import BagTopic
 from rled_msgs_py.errors import ContractError, command
 from rled_msgs_py.files import whole_file
-from rled_msgs_py.foreign import read_text, read_yaml
 from rled_msgs_py.topics import Qos
+from rled_msgs_py.untrusted import read_text, read_yaml
 
 FILE_NAME = "metadata.yaml"
 ROOT = "rosbag2_bagfile_information"
@@ -32,8 +32,8 @@ class FileSummary(NamedTuple):
 
     Attributes:
         name: file name.
-        first: least log time (ns).
-        last: greatest log time (ns).
+        first: minimum log time (ns).
+        last: maximum log time (ns).
         counts: messages of each topic.
     """
 

@@ -29,7 +29,7 @@ DESCRIPTIONS = (ROBOT_DESCRIPTION, TASK_DESCRIPTION)
 EARLY, LATE = 400, 50
 """State messages after the first of a run among which a description is its own; before its last, the next run's, if it
 comes no earlier."""
-MOST = 2**31
+MAX_COUNT = 2**31
 """More episodes and steps than are counted."""
 TOGETHER = 200
 """Messages within which the topics of a simulation that was started again begin anew."""
@@ -197,7 +197,7 @@ def _counter(data: bytes, before: int) -> int:
         status = cast(TaskStatus, decode(TASK_STATUS, data))
     except ContractError:
         return before
-    return min(status.episode, MOST) * MOST + min(status.step, MOST)
+    return min(status.episode, MAX_COUNT) * MAX_COUNT + min(status.step, MAX_COUNT)
 
 
 def _starts(falls: list[tuple[int, str]], recorded: set[str]) -> list[int]:

@@ -10,7 +10,7 @@ from rled_msgs_py.bags.episodes import Episode, cuts, episodes
 from rled_msgs_py.bags.faults import Fault, find_faults
 from rled_msgs_py.bags.quality import Quality, qualities
 from rled_msgs_py.bags.series import Series, series
-from rled_msgs_py.bags.timeline import Timeline, read_series, timeline
+from rled_msgs_py.bags.timeline import Timeline, read_series, read_timeline
 from rled_msgs_py.messages import NANOSECONDS
 from rled_msgs_py.topics import JOINT_STATES, MARKED_EE_POSE, MARKED_JOINT_STATES
 
@@ -22,7 +22,7 @@ class Review(NamedTuple):
 
     Attributes:
         series: its topics by name.
-        line: its ticks.
+        timeline: its ticks.
         episodes: in order, discarded ones too.
         qualities: of each episode.
         faults: in order.
@@ -30,7 +30,7 @@ class Review(NamedTuple):
     """
 
     series: dict[str, Series]
-    line: Timeline
+    timeline: Timeline
     episodes: list[Episode]
     qualities: list[Quality]
     faults: list[Fault]
@@ -60,18 +60,18 @@ def review(bag: Bag) -> Review:
     """
     task = bag.task
     found = read_series(bag)
-    line = timeline(bag, found)
-    divided = episodes(bag, line)
+    timeline = read_timeline(bag, found)
+    divided = episodes(bag, timeline)
     found |= {topic.name: series(bag, topic) for topic in MARKED}
-    faults = find_faults(found, [*cuts(bag), *pauses(divided, line)], task.period)
-    return Review(found, line, divided, qualities(task, line, divided), faults, task.period)
+    faults = find_faults(found, [*cuts(bag), *pauses(divided, timeline)], task.period)
+    return Review(found, timeline, divided, qualities(task, timeline, divided), faults, task.period)
 
 
-def pauses(divided: list[Episode], line: Timeline) -> list[tuple[int, int]]:
+def pauses(divided: list[Episode], timeline: Timeline) -> list[tuple[int, int]]:
     """Where the recorder waited between two episodes: the last moment before and the first after (ns)."""
     found = []
     for before, after in pairwise(divided):
-        row = int(np.searchsorted(line.moments, before.last, side="right"))
-        if row < len(line.moments) and line.moments[row] >= after.first:
-            found.append((before.last, int(line.moments[row])))
+        row = int(np.searchsorted(timeline.moments, before.last, side="right"))
+        if row < len(timeline.moments) and timeline.moments[row] >= after.first:
+            found.append((before.last, int(timeline.moments[row])))
     return found

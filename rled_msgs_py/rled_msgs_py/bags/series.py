@@ -20,7 +20,7 @@ from rled_msgs_py.topics import EE_POSE, JOINT_STATE, JOINT_STATES, POSE_STAMPED
 
 Floats = NDArray[np.float64]
 
-SOON = 1_000_000_000
+MAX_ADVANCE = 1_000_000_000
 """How long after the last message of a topic a stamp that nothing else confirms is believed (ns)."""
 
 
@@ -91,9 +91,9 @@ class _Unread(NamedTuple):
 
     def misfit(self, moments: Times) -> Misfit:
         """Told at its own time if that lies between those of its neighbours, else at that of the one before it."""
-        least = int(moments[self.before - 1]) if self.before else 0
-        most = int(moments[self.before]) if self.before < len(moments) else least + SOON
-        stamp = self.stamp if self.stamp is not None and least <= self.stamp <= most else least
+        low = int(moments[self.before - 1]) if self.before else 0
+        high = int(moments[self.before]) if self.before < len(moments) else low + MAX_ADVANCE
+        stamp = self.stamp if self.stamp is not None and low <= self.stamp <= high else low
         return Misfit(stamp, f"message {self.number} is not valid: {self.what}", False)
 
 

@@ -10,7 +10,7 @@ from urllib.parse import quote
 
 from rled_msgs_py.bags.error import BagError
 from rled_msgs_py.errors import ContractError
-from rled_msgs_py.foreign import read_yaml
+from rled_msgs_py.untrusted import read_yaml
 
 TABLES = ("schema", "metadata", "topics", "message_definitions", "messages")
 MAX_ROWS = 5000

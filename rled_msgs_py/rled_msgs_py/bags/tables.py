@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 from rled_msgs_py.bags.columns import Columns, Floats, Kind, Part, Stamps, by_labels, order_of, parts_of
 from rled_msgs_py.bags.layout import Layout
 from rled_msgs_py.bags.storage import Messages
-from rled_msgs_py.records import UNIT_TOLERANCE, DeltaCommand, JointSample, Record, find_by_name, rates_of
+from rled_msgs_py.joint_names import find_by_name
+from rled_msgs_py.records import UNIT_TOLERANCE, DeltaCommand, JointSample, Record
 from rled_msgs_py.topics import Topic
+from rled_msgs_py.vectors import rates_of
 
 
 class JointTable(NamedTuple):

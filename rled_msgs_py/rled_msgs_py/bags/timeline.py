@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from rled_msgs_py.bags.bag import Bag
 from rled_msgs_py.bags.series import Floats, Series, series
 from rled_msgs_py.bags.stamps import Times
-from rled_msgs_py.records import find_by_name
+from rled_msgs_py.joint_names import find_by_name
 from rled_msgs_py.tick import STATE_TOPICS
 from rled_msgs_py.topics import JOINT_DELTA, JOINT_STATES
 
@@ -56,7 +56,7 @@ def read_series(bag: Bag) -> dict[str, Series]:
     return {topic.name: series(bag, topic) for topic in READ}
 
 
-def timeline(bag: Bag, found: dict[str, Series] | None = None) -> Timeline:
+def read_timeline(bag: Bag, found: dict[str, Series] | None = None) -> Timeline:
     """Put the topics together; what is recorded twice counts once.
 
     A bag without ``task_status`` has one episode, in which each change of the target is a target reached.

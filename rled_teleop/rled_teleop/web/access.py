@@ -10,7 +10,7 @@ from rled_msgs_py.errors import RledError
 
 from rled_teleop.web.request import PageRequest
 
-SHORTEST_TOKEN = 12
+MIN_TOKEN_LENGTH = 12
 COOKIE = "rled_teleop_web"
 
 
@@ -84,6 +84,8 @@ def access_for(host: str, token: str) -> Access:
         raise RledError(
             f"the page would be open to everybody at {host}", "", "give --token-file FILE, or --host 127.0.0.1"
         )
-    if token and len(token) < SHORTEST_TOKEN:
-        raise RledError(f"a token of {len(token)} characters", f"{SHORTEST_TOKEN} or more", "try: openssl rand -hex 16")
+    if token and len(token) < MIN_TOKEN_LENGTH:
+        raise RledError(
+            f"a token of {len(token)} characters", f"{MIN_TOKEN_LENGTH} or more", "try: openssl rand -hex 16"
+        )
     return Access(token)

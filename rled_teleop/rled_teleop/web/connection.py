@@ -12,7 +12,7 @@ from websockets.frames import Frame, Opcode
 
 from rled_teleop.web.inbound import understood
 
-MOST_SOCKETS = 64
+MAX_SOCKETS = 64
 """Open sockets, of whatever kind; a browser has six at most."""
 MESSAGE_RATE, BURST = 200.0, 200.0
 """Messages a second that are read of one connection in the long run, and how many at once."""
@@ -20,13 +20,13 @@ CONTROL_RATE, CONTROL_BURST = 10.0, 50.0
 """Pings and the like; a browser sends one for each that it gets."""
 CHUNK = 16 * 1024
 """Bytes that are read at once, so that a flood of small messages is noticed early."""
-STALLED = 5.0
+STALL_TIMEOUT = 5.0
 """A peer that has taken nothing in so long a time of what waits for it is gone (s)."""
-LINGER = 1.0
+LINGER_TIME = 1.0
 """So long a peer may go on sending what is not read, so that it hears why (s)."""
 
 
-class Allowance:
+class RateLimiter:
     """So many messages at once, and so many a second in the long run."""
 
     def __init__(self, rate: float, burst: float) -> None:
@@ -40,7 +40,7 @@ class Allowance:
         return max(0.0, -self._left / self._rate)
 
 
-class GuardedConnection(ServerConnection):
+class ProtectedConnection(ServerConnection):
     """A connection that is read at a limited rate, and only what the page understands; a malformed request is answered.
 
     A peer that sends what no browser does (pieces of messages, a flood of pings), or does not take what is sent to it,
@@ -49,8 +49,8 @@ class GuardedConnection(ServerConnection):
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
-        self._messages = Allowance(MESSAGE_RATE, BURST)
-        self._controls = Allowance(CONTROL_RATE, CONTROL_BURST)
+        self._messages = RateLimiter(MESSAGE_RATE, BURST)
+        self._controls = RateLimiter(CONTROL_RATE, CONTROL_BURST)
         self._is_answered = False
         self._watching: asyncio.Handle | None = None
 
@@ -68,7 +68,7 @@ class GuardedConnection(ServerConnection):
         try:
             await super().handshake(*arguments, **options)
         except InvalidMessage:
-            await asyncio.wait([self.connection_lost_waiter], timeout=LINGER)
+            await asyncio.wait([self.connection_lost_waiter], timeout=LINGER_TIME)
             raise
 
     def send_data(self) -> None:
@@ -90,7 +90,7 @@ class GuardedConnection(ServerConnection):
         """Begin to serve, unless too many are served."""
         super().connection_made(transport)
         self.transport.max_size = CHUNK
-        if len(self.server.handlers) > MOST_SOCKETS:
+        if len(self.server.handlers) > MAX_SOCKETS:
             self.transport.abort()
 
     def pause_writing(self) -> None:
@@ -109,13 +109,13 @@ class GuardedConnection(ServerConnection):
         self._end_watch()
 
     def _watch(self, before: float) -> None:
-        self._watching = self.loop.call_later(STALLED, self._look, before)
+        self._watching = self.loop.call_later(STALL_TIMEOUT, self._check_progress, before)
 
     def _end_watch(self) -> None:
         if self._watching is not None:
             self._watching.cancel()
 
-    def _look(self, before: float) -> None:
+    def _check_progress(self, before: float) -> None:
         waiting = self.transport.get_write_buffer_size()
         if waiting >= before:
             self.transport.abort()

@@ -5,15 +5,15 @@ from collections.abc import Callable
 from threading import Lock, RLock
 from typing import Any
 
-from rled_teleop.web.order import Order
+from rled_teleop.web.jog_command import JogCommand
+from rled_teleop.web.set_point import SetPoint
 from rled_teleop.web.visitors import Visitors
-from rled_teleop.web.wish import Wish
 
-PATIENCE = 5.0
+DRIVER_TIMEOUT = 5.0
 """So long a driver may be silent before another visitor may take over (s)."""
 
 
-class Asked:
+class Requests:
     """What the page asks the graph for, the newest of each kind; a flood of clicks is one request."""
 
     def __init__(self) -> None:
@@ -33,11 +33,11 @@ class Asked:
 
 
 class Control:
-    """Permissions, wishes and requests. Its methods are called by the page's threads and by the node's.
+    """Permissions, commands and requests. Its methods are called by the page's threads and by the node's.
 
     Args:
-        timeout: deadman: a wish that the page does not renew ends so long (s) after.
-        give: takes each new order, for the operator.
+        timeout: deadman: a command that the page does not renew ends so long (s) after.
+        give: takes each new set point, for the operator.
         clock: seconds.
 
     Attributes:
@@ -46,41 +46,41 @@ class Control:
     """
 
     def __init__(
-        self, timeout: float, give: Callable[[Order], None], clock: Callable[[], float] = time.monotonic
+        self, timeout: float, give: Callable[[SetPoint], None], clock: Callable[[], float] = time.monotonic
     ) -> None:
         self._timeout, self._give, self._clock = timeout, give, clock
-        self.visitors = Visitors(PATIENCE)
-        self.asked = Asked()
+        self.visitors = Visitors(DRIVER_TIMEOUT)
+        self.requests = Requests()
         self._lock = RLock()
-        self._order = Order()
-        self._wisher: int | None = None
+        self._set_point = SetPoint()
+        self._commander: int | None = None
 
     @property
     def share(self) -> float:
         """Of full speed, 0 to 1."""
-        return self._order.share
+        return self._set_point.share
 
     @property
     def taken(self) -> bool:
-        """A person has taken over from the agent: where nothing is wished, the robot holds."""
-        return self._order.taken
+        """A person has taken over from the agent: where nothing is commanded, the robot holds."""
+        return self._set_point.taken
 
     @property
     def beside(self) -> bool:
         """Somebody else answers the states; the page only takes over."""
-        return self._order.beside
+        return self._set_point.beside
 
     def arrive(self, visitor: int) -> None:
         """A visitor has opened the page."""
         self.visitors.arrive(visitor, self._clock())
 
     def leave(self, visitor: int) -> None:
-        """A visitor is gone, and its wish with it."""
+        """A visitor is gone, and its command with it."""
         self.release(visitor)
         self.visitors.leave(visitor)
 
     def take(self, visitor: int) -> bool:
-        """A visitor wants to drive; what another one wished ends when it does."""
+        """A visitor wants to drive; what another one commanded ends when it does."""
         with self._lock:
             before = self.visitors.driver
             if self.visitors.take(visitor, self._clock()) and before != visitor:
@@ -100,27 +100,27 @@ class Control:
         """Whether this visitor may move the robot."""
         return visitor is not None and self.visitors.driver == visitor
 
-    def wish(self, visitor: int | None, wish: Wish, lasts: float | None = None) -> None:
-        """The driver wishes something, for ``lasts`` seconds; what others wish is nothing."""
+    def command(self, visitor: int | None, command: JogCommand, lasts: float | None = None) -> None:
+        """The driver commands something, for ``lasts`` seconds; what others command is nothing."""
         with self._lock:
             if visitor is not None and self.drives(visitor):
                 now = self._clock()
                 self.visitors.hear(visitor, now)
-                self._wisher = visitor
-                self._change(wish=wish, until=now + (self._timeout if lasts is None else lasts))
+                self._commander = visitor
+                self._change(command=command, until=now + (self._timeout if lasts is None else lasts))
 
     def hear(self, visitor: int, holds: bool) -> None:
-        """A sign of life of the page; while the pointer holds something, the wish goes on, unless it has ended."""
+        """A sign of life of the page; while the pointer holds something, the command goes on, unless it has ended."""
         with self._lock:
             now = self._clock()
             self.visitors.hear(visitor, now)
-            if holds and visitor == self._wisher and self._order.is_wished(now):
-                self._change(until=max(now + self._timeout, self._order.until))
+            if holds and visitor == self._commander and self._set_point.is_commanded(now):
+                self._change(until=max(now + self._timeout, self._set_point.until))
 
     def release(self, visitor: int | None) -> None:
         """The pointer was released."""
         with self._lock:
-            if visitor is not None and visitor == self._wisher:
+            if visitor is not None and visitor == self._commander:
                 self._drop()
 
     def set_share(self, visitor: int | None, share: float) -> None:
@@ -140,22 +140,22 @@ class Control:
     def ask(self, visitor: int | None, what: str, value: Any = None) -> None:
         """The driver asks another node for something."""
         if self.drives(visitor):
-            self.asked.put(what, value)
+            self.requests.put(what, value)
 
     def stop(self) -> None:
         """Emergency stop, for every visitor."""
         self._drop()
-        self.asked.put("estop")
+        self.requests.put("estop")
 
-    def is_wished(self) -> bool:
+    def is_commanded(self) -> bool:
         """Whether somebody moves the robot now, or keeps it from an agent."""
-        return self.taken or self._order.is_wished(self._clock())
+        return self.taken or self._set_point.is_commanded(self._clock())
 
     def _drop(self) -> None:
-        self._wisher = None
-        self._change(wish=None)
+        self._commander = None
+        self._change(command=None)
 
     def _change(self, **parts: Any) -> None:
         with self._lock:
-            self._order = self._order._replace(**parts)
-            self._give(self._order)
+            self._set_point = self._set_point._replace(**parts)
+            self._give(self._set_point)

@@ -8,14 +8,14 @@ import viser
 from rled_msgs_py.task import TaskDescription
 
 from rled_teleop.web.control import Control
-from rled_teleop.web.watched import Watched
-from rled_teleop.web.wish import Follow, Move, Turn
+from rled_teleop.web.graph_state import GraphState
+from rled_teleop.web.jog_command import Follow, Move, Turn
 
 HOLD_RATE = 20.0
 """Signs of life a second of a button that is held."""
-LASTS = 0.15
+COMMAND_DURATION = 0.15
 """So long a motion lasts after the last of them, or after a slider was last moved (s)."""
-SETTLED = 0.6
+SETTLING_TIME = 0.6
 """A slider is brought to its joint when it has not been moved for so long (s)."""
 AXES = ("x", "y", "z")
 SWITCHES = {"Run": "run", "Pause": "pause", "New episode": "reset", "Release stop": "release"}
@@ -26,14 +26,14 @@ class DrivingPanel:
 
     Args:
         client: whose page it is on.
-        control: takes the wishes.
-        watched: what the graph says.
+        control: takes the commands.
+        graph: what the graph says.
     """
 
-    def __init__(self, client: viser.ClientHandle, control: Control, watched: Watched) -> None:
-        self._client, self._control, self._watched = client, control, watched
+    def __init__(self, client: viser.ClientHandle, control: Control, graph: GraphState) -> None:
+        self._client, self._control, self._graph = client, control, graph
         self._task: TaskDescription | None = None
-        self._moved = -SETTLED
+        self._moved = -SETTLING_TIME
         self._enabled = False
         gui = client.gui
         gui.add_markdown("Drag the arrows at the tool, or hold a button. Letting go stops.")
@@ -63,12 +63,12 @@ class DrivingPanel:
 
     def renew(self) -> None:
         """Bring it up to date."""
-        task, tick = self._watched.task, self._watched.tick
+        task, tick = self._graph.task, self._graph.tick
         if task is None or tick is None:
             return
         if task is not self._task:
             self._make(task)
-        if time.monotonic() - self._moved > SETTLED:
+        if time.monotonic() - self._moved > SETTLING_TIME:
             q = tick.joints.ordered(task.joint_names).position
             for slider, angle in zip(self._sliders, q.tolist(), strict=True):
                 slider.value = round(min(max(angle, slider.min), slider.max), 3)
@@ -98,7 +98,7 @@ class DrivingPanel:
         x, y, z = direction
 
         async def hold(event: viser.GuiEvent[Any]) -> None:
-            self._control.wish(event.client_id, Move((x, y, z)), LASTS)
+            self._control.command(event.client_id, Move((x, y, z)), COMMAND_DURATION)
 
         button.on_hold(hold, HOLD_RATE)
         return button
@@ -107,7 +107,7 @@ class DrivingPanel:
         async def turn(event: viser.GuiEvent[Any]) -> None:
             if event.client_id is not None and self._control.drives(event.client_id):
                 self._moved = time.monotonic()
-                self._control.wish(event.client_id, Turn(joint, float(event.target.value)), LASTS)
+                self._control.command(event.client_id, Turn(joint, float(event.target.value)), COMMAND_DURATION)
 
         return turn
 
@@ -115,9 +115,9 @@ class DrivingPanel:
         self._control.set_share(event.client_id, float(event.target.value) / 100.0)
 
     async def _on_go(self, event: viser.GuiEvent[Any]) -> None:
-        if self._watched.tick is not None:
-            x, y, z = self._watched.tick.target.position.tolist()
-            self._control.wish(event.client_id, Follow((x, y, z)), LASTS)
+        if self._graph.tick is not None:
+            x, y, z = self._graph.tick.target.position.tolist()
+            self._control.command(event.client_id, Follow((x, y, z)), COMMAND_DURATION)
 
     async def _on_time(self, event: viser.GuiEvent[Any]) -> None:
         self._control.ask(event.client_id, SWITCHES[event.target.value])

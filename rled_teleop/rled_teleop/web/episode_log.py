@@ -3,20 +3,20 @@
 from dataclasses import dataclass, replace
 from threading import Lock
 
-from rled_msgs_py.bags.episodes import Episode, legs
+from rled_msgs_py.bags.episodes import Episode, find_segments
 from rled_msgs_py.bags.quality import Quality, qualities
 from rled_msgs_py.bags.timeline import Timeline
 from rled_msgs_py.records import DeltaCommand
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import Tick
 
-from rled_teleop.web.rows import Rows
+from rled_teleop.web.episode_buffer import EpisodeBuffer
 
-MOST_EPISODES = 500
+MAX_EPISODES = 500
 
 
 @dataclass(frozen=True)
-class Entry:
+class EpisodeEntry:
     """One episode.
 
     Attributes:
@@ -39,10 +39,10 @@ class EpisodeLog:
 
     def __init__(self) -> None:
         self._lock = Lock()
-        self._entries: dict[int, Entry] = {}
-        self._rows = Rows()
+        self._entries: dict[int, EpisodeEntry] = {}
+        self._rows = EpisodeBuffer()
         self._running = False
-        self._to_measure: tuple[int, Rows] | None = None
+        self._to_measure: tuple[int, EpisodeBuffer] | None = None
 
     def add_event(self, event: str, number: int, outcome: str) -> None:
         """An episode begins (``start``), ends (``stop``), is worth something or not (``keep``, ``discard``)."""
@@ -50,9 +50,9 @@ class EpisodeLog:
             if event == "start":
                 if number in self._entries:  # another recorder counts from 0
                     self._entries.clear()
-                self._entries[number] = Entry(number)
-                self._rows, self._running = Rows(), True
-                while len(self._entries) > MOST_EPISODES:
+                self._entries[number] = EpisodeEntry(number)
+                self._rows, self._running = EpisodeBuffer(), True
+                while len(self._entries) > MAX_EPISODES:
                     del self._entries[next(iter(self._entries))]
             elif (entry := self._entries.get(number)) is not None:
                 if event == "stop":
@@ -60,8 +60,8 @@ class EpisodeLog:
                 else:
                     self._entries[number] = replace(entry, state=event, outcome=outcome or entry.outcome)
 
-    def _end(self, entry: Entry, outcome: str) -> None:
-        rows, self._rows, self._running = self._rows, Rows(), False
+    def _end(self, entry: EpisodeEntry, outcome: str) -> None:
+        rows, self._rows, self._running = self._rows, EpisodeBuffer(), False
         self._entries[entry.number] = replace(entry, state="ended", outcome=outcome, seconds=rows.seconds)
         self._to_measure = (entry.number, rows)
 
@@ -77,7 +77,7 @@ class EpisodeLog:
             if self._running:
                 self._rows.add_delta(command)
 
-    def entries(self) -> list[Entry]:
+    def entries(self) -> list[EpisodeEntry]:
         """All episodes, in order."""
         with self._lock:
             return list(self._entries.values())
@@ -105,8 +105,8 @@ class EpisodeLog:
                 self._entries[number] = replace(self._entries[number], quality=quality)
 
 
-def quality_of(task: TaskDescription, line: Timeline) -> Quality:
+def quality_of(task: TaskDescription, timeline: Timeline) -> Quality:
     """The measures of one episode by itself; what contradicts others shows in the whole bag only."""
-    ways = tuple(leg for leg in legs(line, []) if leg.first < leg.last)
-    whole = Episode(0, int(line.moments[0]), int(line.moments[-1]), ways)
-    return qualities(task, line, [whole])[0]
+    segments = tuple(segment for segment in find_segments(timeline, []) if segment.first < segment.last)
+    whole = Episode(0, int(timeline.moments[0]), int(timeline.moments[-1]), segments)
+    return qualities(task, timeline, [whole])[0]

@@ -9,8 +9,8 @@ from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import Tick
 
 from rled_teleop.web.control import Control
-from rled_teleop.web.watched import Watched
-from rled_teleop.web.wish import Follow
+from rled_teleop.web.graph_state import GraphState
+from rled_teleop.web.jog_command import Follow
 
 SIZE = 0.22
 TARGET_SIZE = 0.13
@@ -49,9 +49,9 @@ class Handle:
         self._task: TaskDescription | None = None
         self.held = False
 
-    def follow(self, watched: Watched, shown: bool) -> None:
+    def follow(self, graph: GraphState, shown: bool) -> None:
         """Bring it to its point, unless it is held; show it or not."""
-        tick, task = watched.tick, watched.task
+        tick, task = graph.tick, graph.task
         if tick is None or task is None:
             return
         if task is not self._task:
@@ -91,7 +91,7 @@ def tool_handle(client: viser.ClientHandle, control: Control) -> Handle:
         if point is None:
             control.release(visitor)
         else:
-            control.wish(visitor, Follow(point))
+            control.command(visitor, Follow(point))
 
     return Handle(client, control, "/handle", SIZE, lambda tick: tick.ee.position, dragged)
 

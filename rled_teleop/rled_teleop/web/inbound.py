@@ -13,7 +13,7 @@ from msgspec import Meta, Struct
 from viser import _messages as messages
 from viser.infra import ClientId
 
-MESSAGE_SIZE = 4096
+MAX_MESSAGE_SIZE = 4096
 """Longest message (bytes); the page sends some hundred."""
 
 Name = Annotated[str, Meta(max_length=200)]
@@ -107,7 +107,7 @@ _encoder = msgspec.msgpack.Encoder()
 
 def understood(data: bytes | str) -> bytes | None:
     """A visitor's message as it is handed on; None for one that the page has no use for."""
-    if not isinstance(data, bytes) or len(data) > MESSAGE_SIZE:
+    if not isinstance(data, bytes) or len(data) > MAX_MESSAGE_SIZE:
         return None
     try:
         return _encoder.encode(_decoder.decode(data))

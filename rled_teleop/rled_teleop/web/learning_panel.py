@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 from viser import uplot
 
 from rled_teleop.web.control import Control
-from rled_teleop.web.watched import Watched
+from rled_teleop.web.graph_state import GraphState
 
 AGENT_REPORT = "agent_node: policy"
 BLUE, ORANGE, GREEN, RED = "#2563eb", "#ea880c", "#16a34a", "#dc2626"
 MEASURES = ("qcd", "iqr")
 HEIGHT = 150
-SETTLED = 2.0
+SETTLING_TIME = 2.0
 """A setting shows what the agent has when nobody has set it for so long (s)."""
-FIGURES = {
+METRICS = {
     "slowest_answer_ms": "slowest answer (ms)",
     "deadlines_missed": "deadlines missed",
     "offered": "transitions learned from",
@@ -39,11 +39,11 @@ class LearningPanel:
     Args:
         client: whose page it is on.
         control: takes the requests.
-        watched: what the graph says.
+        graph: what the graph says.
     """
 
-    def __init__(self, client: viser.ClientHandle, control: Control, watched: Watched) -> None:
-        self._control, self._watched = control, watched
+    def __init__(self, client: viser.ClientHandle, control: Control, graph: GraphState) -> None:
+        self._control, self._graph = control, graph
         gui = client.gui
         self._text = gui.add_markdown("")
         self._take = gui.add_button("Take over", color="orange", icon=viser.Icon.HAND_GRAB)
@@ -77,22 +77,22 @@ class LearningPanel:
 
     def renew(self) -> None:
         """Bring texts and settings up to date."""
-        seen = self._watched.seen
+        nodes = self._graph.nodes
         self._text.content = self._said()
-        self._take.visible = seen.beside
+        self._take.visible = nodes.beside
         self._take.label = "Hand back" if self._control.taken else "Take over"
         for each in self._buttons:
-            each.visible = seen.agent
+            each.visible = nodes.agent
         for name, each in self._inputs.items():
-            each.visible = name in seen.parameters
-            settled = time.monotonic() - self._set.get(name, -math.inf) > SETTLED
-            if settled and name in seen.parameters and seen.parameters[name] != each.value:
-                each.value = seen.parameters[name]
+            each.visible = name in nodes.parameters
+            settled = time.monotonic() - self._set.get(name, -math.inf) > SETTLING_TIME
+            if settled and name in nodes.parameters and nodes.parameters[name] != each.value:
+                each.value = nodes.parameters[name]
 
     def draw_curves(self) -> None:
         """Bring the plots up to date."""
-        time, uncertainty, threshold = self._watched.decisions()
-        number, total, targets, share = self._watched.episodes()
+        time, uncertainty, threshold = self._graph.decisions()
+        number, total, targets, share = self._graph.episodes()
         for plot, curves in (
             (self._uncertainty, (time, uncertainty, threshold)),
             (self._returns, (number, total)),
@@ -104,8 +104,8 @@ class LearningPanel:
                 plot.data = tuple(np.ascontiguousarray(each) for each in curves)
 
     def _said(self) -> str:
-        decision, health = self._watched.decision, self._watched.health(AGENT_REPORT)
-        if not self._watched.seen.agent and decision is None:
+        decision, health = self._graph.decision, self._graph.health(AGENT_REPORT)
+        if not self._graph.nodes.agent and decision is None:
             return "No agent in this graph: start `agent_node`, or this page with `--with-agent agent_node`."
         lines = []
         if decision is not None:
@@ -114,7 +114,7 @@ class LearningPanel:
                 lines.append(f"u = {decision.uncertainty:.3g}, ξ = {decision.threshold:.3g} ({decision.measure})")
         if health is not None:
             values = ", ".join(
-                f"{text} {health.values[name]}" for name, text in FIGURES.items() if name in health.values
+                f"{text} {health.values[name]}" for name, text in METRICS.items() if name in health.values
             )
             lines.append(f"agent: {health.message}; {values}")
         return "  \n".join(lines)

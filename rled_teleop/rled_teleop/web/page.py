@@ -15,20 +15,20 @@ import viser
 
 from rled_teleop.web.access import Access
 from rled_teleop.web.control import Control
-from rled_teleop.web.guard import guarded, require_free
+from rled_teleop.web.graph_state import GraphState
 from rled_teleop.web.inbound import check_values
+from rled_teleop.web.protection import protected, require_free
+from rled_teleop.web.recording_manager import RecordingManager
 from rled_teleop.web.robot import load_robot
 from rled_teleop.web.scene import Scene
-from rled_teleop.web.studio import Studio
 from rled_teleop.web.view_panel import AT_FIRST
 from rled_teleop.web.visitor import Visitor
-from rled_teleop.web.watched import Watched
 
 FRAME, TEXT, PLOT = 1 / 30, 1 / 5, 1.0
 """Seconds between two drawings of the scene, of texts, of plots."""
-BEAT, BEAT_HELD = 0.5, 0.1
+HEARTBEAT_PERIOD, HEARTBEAT_PERIOD_HELD = 0.5, 0.1
 """Seconds between two questions to the driver's page whether it is alive, at rest and while it holds something."""
-BEAT_PATIENCE = 1.0
+HEARTBEAT_TIMEOUT = 1.0
 NICENESS, LOWEST = 10, 19
 """By how much the page gives way to other work of this machine (steps of nice), and how far that goes."""
 
@@ -40,7 +40,7 @@ class Page:
         host: address to serve at.
         port: port, which must be free.
         access: who is let in.
-        watched: what the graph says.
+        graph: what the graph says.
         control: what visitors want.
         folder: for bags.
 
@@ -48,13 +48,13 @@ class Page:
         RledError: the port is taken.
     """
 
-    def __init__(self, host: str, port: int, access: Access, watched: Watched, control: Control, folder: Path) -> None:
+    def __init__(self, host: str, port: int, access: Access, graph: GraphState, control: Control, folder: Path) -> None:
         require_free(host, port)
-        self._studio = Studio(folder, watched, control.asked)
+        self._manager = RecordingManager(folder, graph, control.requests)
         _yield_to_control()
-        with guarded(access):
+        with protected(access):
             self._server = viser.ViserServer(host=host, port=port, label="RLED", verbose=False)
-        self._watched, self._control = watched, control
+        self._graph, self._control = graph, control
         self._scene, self._shown = Scene(self._server), set(AT_FIRST)
         self._visitors: dict[int, Visitor] = {}
         self._drawn: tuple[object, ...] = ()
@@ -79,7 +79,7 @@ class Page:
         """Complete the recording and end."""
         with contextlib.redirect_stdout(io.StringIO()):  # viser says that it has stopped
             self._server.stop()
-        self._studio.close()
+        self._manager.close()
 
     def _set_look(self) -> None:
         warnings.filterwarnings("ignore", "Queued a .* on a closed connection")  # who leaves while a page is drawn
@@ -90,24 +90,24 @@ class Page:
     async def _on_arrival(self, client: viser.ClientHandle) -> None:
         check_values(client)
         self._control.arrive(client.client_id)
-        self._visitors[client.client_id] = Visitor(client, self._control, self._watched, self._studio, self._shown)
+        self._visitors[client.client_id] = Visitor(client, self._control, self._graph, self._manager, self._shown)
 
     async def _on_leave(self, client: viser.ClientHandle) -> None:
         self._control.leave(client.client_id)
         self._visitors.pop(client.client_id, None)
 
     def _renew_scene(self) -> None:
-        watched = self._watched
-        task, tick = watched.task, watched.tick
-        if task is None or tick is None or not watched.description:
+        graph = self._graph
+        task, tick = graph.task, graph.tick
+        if task is None or tick is None or not graph.description:
             return
-        if self._drawn != (watched.description, task):
-            self._drawn = (watched.description, task)
-            self._scene.draw(load_robot(watched.description), task, tick)
+        if self._drawn != (graph.description, task):
+            self._drawn = (graph.description, task)
+            self._scene.draw(load_robot(graph.description), task, tick)
         if not self._visitors:
             return
         self._scene.move(tick)
-        angles = self._studio.frame(time.monotonic())
+        angles = self._manager.frame(time.monotonic())
         if angles is None:
             self._scene.hide_ghost()
         else:
@@ -116,10 +116,10 @@ class Page:
 
     def _renew_texts(self) -> None:
         if self._visitors:
-            self._scene.draw_curve(self._watched.curve)
-            self._scene.draw_trail(self._watched.pieces() if "trail" in self._shown else None)
+            self._scene.draw_curve(self._graph.curve)
+            self._scene.draw_trail(self._graph.pieces() if "trail" in self._shown else None)
             self._scene.show_limits(self._shown)
-        self._studio.measure()
+        self._manager.measure()
         self._each(Visitor.renew)
 
     def _renew_plots(self) -> None:
@@ -135,11 +135,11 @@ class Page:
         while not stop.is_set():
             visitor = self._visitors.get(-1 if (driver := self._control.visitors.driver) is None else driver)
             if visitor is None:
-                stop.wait(BEAT_HELD)
+                stop.wait(HEARTBEAT_PERIOD_HELD)
                 continue
             if _is_alive(visitor.client):
                 self._control.hear(visitor.client.client_id, visitor.holds)
-            stop.wait(BEAT_HELD if visitor.holds else BEAT)
+            stop.wait(HEARTBEAT_PERIOD_HELD if visitor.holds else HEARTBEAT_PERIOD)
 
 
 def _yield_to_control() -> None:
@@ -158,7 +158,7 @@ def _try(work: Callable[[], None]) -> None:
 
 def _is_alive(client: viser.ClientHandle) -> bool:
     try:
-        client.local_storage.get_item("alive", timeout=BEAT_PATIENCE)
+        client.local_storage.get_item("alive", timeout=HEARTBEAT_TIMEOUT)
     except TimeoutError:
         return False
     except RuntimeError as error:

@@ -5,9 +5,9 @@ from typing import Any
 import viser
 
 from rled_teleop.web.control import Control
-from rled_teleop.web.episode_log import Entry
-from rled_teleop.web.studio import Studio
-from rled_teleop.web.watched import Watched
+from rled_teleop.web.episode_log import EpisodeEntry
+from rled_teleop.web.graph_state import GraphState
+from rled_teleop.web.recording_manager import RecordingManager
 
 NONE = "(none)"
 NEWEST = 12
@@ -21,12 +21,14 @@ class RecordingPanel:
     Args:
         client: whose page it is on.
         control: takes the requests.
-        watched: what the graph says.
-        studio: recorder, bags and replays.
+        graph: what the graph says.
+        manager: recorder, bags and replays.
     """
 
-    def __init__(self, client: viser.ClientHandle, control: Control, watched: Watched, studio: Studio) -> None:
-        self._client, self._control, self._watched, self._studio = client, control, watched, studio
+    def __init__(
+        self, client: viser.ClientHandle, control: Control, graph: GraphState, manager: RecordingManager
+    ) -> None:
+        self._client, self._control, self._graph, self._manager = client, control, graph, manager
         gui = client.gui
         self._start = self._button("Begin episode", viser.Icon.PLAYER_RECORD, "start")
         self._stop = self._button("End episode", viser.Icon.PLAYER_STOP, "stop")
@@ -55,19 +57,19 @@ class RecordingPanel:
 
     def renew(self) -> None:
         """Bring it up to date."""
-        running, entries = self._watched.log.running, self._watched.log.entries()
+        running, entries = self._graph.log.running, self._graph.log.entries()
         self._start.visible, self._stop.visible = not running, running
-        self._finish.visible = self._studio.records
-        said = self._studio.said
+        self._finish.visible = self._manager.records
+        said = self._manager.said
         self._list.content = "  \n".join([*([f"*{said}*"] if said else []), entries_table(entries)])
-        self._choose(self._bags, (NONE, *self._studio.bags))
-        if self._studio.opened != self._opened and (self._studio.opened or NONE) in self._bags.options:
-            self._opened = self._studio.opened
+        self._choose(self._bags, (NONE, *self._manager.bags))
+        if self._manager.opened != self._opened and (self._manager.opened or NONE) in self._bags.options:
+            self._opened = self._manager.opened
             self._bags.value = self._opened or NONE
-        self._choose(self._episode, tuple(map(str, self._studio.replayable)) or (NONE,))
-        self._table.content = self._studio.table
-        self._play.disabled = not (self._enabled and self._studio.replayable)
-        self._play.label = "Stop the replay" if self._studio.plays else "Replay"
+        self._choose(self._episode, tuple(map(str, self._manager.replayable)) or (NONE,))
+        self._table.content = self._manager.table
+        self._play.disabled = not (self._enabled and self._manager.replayable)
+        self._play.label = "Stop the replay" if self._manager.plays else "Replay"
 
     @staticmethod
     def _choose(dropdown: Any, options: tuple[str, ...]) -> None:
@@ -81,7 +83,7 @@ class RecordingPanel:
             if not self._control.drives(event.client_id):
                 return
             if what == "start":
-                self._studio.begin_episode()
+                self._manager.begin_episode()
             else:
                 self._control.ask(event.client_id, what)
 
@@ -90,18 +92,18 @@ class RecordingPanel:
 
     async def _on_finish(self, event: viser.GuiEvent[Any]) -> None:
         if self._control.drives(event.client_id):
-            self._studio.finish()
+            self._manager.finish()
 
     async def _on_bag(self, event: viser.GuiEvent[Any]) -> None:
         if event.client_id is not None and self._control.drives(event.client_id):
-            self._studio.open(None if event.target.value == NONE else event.target.value)
+            self._manager.open(None if event.target.value == NONE else event.target.value)
 
     async def _on_play(self, event: viser.GuiEvent[Any]) -> None:
         if self._control.drives(event.client_id) and self._episode.value != NONE:
-            self._studio.play(int(self._episode.value))
+            self._manager.play(int(self._episode.value))
 
 
-def entries_table(entries: list[Entry]) -> str:
+def entries_table(entries: list[EpisodeEntry]) -> str:
     """The newest episodes as Markdown."""
     if not entries:
         return "No episode yet."
@@ -109,7 +111,7 @@ def entries_table(entries: list[Entry]) -> str:
     return "\n".join(["| # | | s | quality |", "|---|---|---|---|", *rows[-NEWEST:]])
 
 
-def _mark(entry: Entry) -> str:
+def _mark(entry: EpisodeEntry) -> str:
     if entry.quality is None:
         return entry.outcome
     return f"{entry.quality.score:.2f} ({entry.quality.reached:.0%} reached, detour {entry.quality.detour:.2f})"

@@ -8,7 +8,7 @@ from urllib.parse import unquote_to_bytes
 
 from websockets.datastructures import Headers
 
-LONGEST_PATH = 255
+MAX_PATH_LENGTH = 255
 """Bytes of a path; the files of the page have short names."""
 
 _HOST = re.compile(r"(?:\[(?P<address>[0-9A-Fa-f:.]+)\]|(?P<name>[A-Za-z0-9._-]+))(?::(?P<port>[0-9]{1,5}))?")
@@ -70,7 +70,7 @@ def read_request(target: str, headers: Headers) -> PageRequest:
     path, _, query = target.partition("?")
     if not path.startswith("/"):
         raise BadRequest("the request names no path")
-    if len(path) > LONGEST_PATH:
+    if len(path) > MAX_PATH_LENGTH:
         raise BadRequest("the path is too long", HTTPStatus.REQUEST_URI_TOO_LONG)
     host = _one(headers, "Host")
     if host is None:

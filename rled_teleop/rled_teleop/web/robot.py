@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from rled_sim.description import mesh_path
+from rled_sim.published_urdf import mesh_path
 from rled_sim.robots import ROBOTS
 
 Floats = NDArray[np.float64]

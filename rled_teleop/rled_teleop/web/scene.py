@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import Tick
 
-from rled_teleop.web.limits import LimitsView
+from rled_teleop.web.limits_view import LimitsView
 from rled_teleop.web.robot import Colour, Link, RobotModel, pose_of
 from rled_teleop.web.trail import Pieces
 
@@ -51,12 +51,12 @@ class DrawnRobot:
         self._server = server
         self.root = server.scene.add_frame(name, show_axes=False)
         self._moving: list[tuple[Link, Any]] = []
-        look: dict[str, Any] = {"opacity": 0.35, "cast_shadow": False, "color": GHOST} if ghost else {}
+        style: dict[str, Any] = {"opacity": 0.35, "cast_shadow": False, "color": GHOST} if ghost else {}
         for link in model.links:
             path, (position, wxyz) = f"{name}/{'/'.join(link.path)}", pose_of(link, {})
             frame = server.scene.add_frame(path, show_axes=False, position=position, wxyz=wxyz)
             for number, shape in enumerate(link.shapes):
-                options = {"color": shape.colour} | look
+                options = {"color": shape.colour} | style
                 server.scene.add_mesh_simple(f"{path}/shape_{number}", shape.vertices, shape.faces, **options)
             if link.joint:
                 self._moving.append((link, frame))
@@ -139,7 +139,7 @@ class Scene:
                 self._robot.move(dict(zip(tick.joints.names, tick.joints.position.tolist(), strict=True)))
 
     def draw_trail(self, pieces: Pieces | None) -> None:
-        """Show the way of the tool, if it has changed; None hides it."""
+        """Show the path of the tool, if it has changed; None hides it."""
         pieces = pieces if pieces is not None and len(pieces.points) else NO_PIECES
         if self._shown is None or not np.array_equal(pieces.points, self._shown.points):
             self._shown = pieces

@@ -6,7 +6,7 @@ import numpy as np
 from rled_msgs_py.records import GateCode, Level
 
 from rled_teleop.web.control import Control
-from rled_teleop.web.watched import Watched
+from rled_teleop.web.graph_state import GraphState
 
 SIM_REPORT = "sim: driver"
 LINES, LINE = 5, 1.45
@@ -16,9 +16,9 @@ STYLE = f"padding:0 1em;margin-bottom:0.4em;font-size:0.9em;line-height:{LINE};h
 GREEN, GREY, BLUE, ORANGE, RED = "#16a34a", "#9499a3", "#2563eb", "#ea880c", "#dc2626"
 
 
-def status_text(watched: Watched, control: Control, visitor: int) -> str:
+def status_text(graph: GraphState, control: Control, visitor: int) -> str:
     """Some lines of HTML for one visitor, always of one height: a warning must not move the buttons below."""
-    lines = [_who(control, visitor), *_robot(watched), *_warnings(watched)]
+    lines = [_who(control, visitor), *_robot(graph), *_warnings(graph)]
     return f'<div style="{STYLE}">{"<br>".join(lines)}</div>'
 
 
@@ -34,8 +34,8 @@ def _who(control: Control, visitor: int) -> str:
     return _spot(BLUE, "<b>You watch;</b> another visitor drives.")
 
 
-def _robot(watched: Watched) -> list[str]:
-    task, tick = watched.task, watched.tick
+def _robot(graph: GraphState) -> list[str]:
+    task, tick = graph.task, graph.tick
     if task is None or tick is None:
         return ["Waiting for a simulation: start <code>sim_node</code>, or this page with <code>--robot panda</code>."]
     axes = list(task.axes)
@@ -49,23 +49,23 @@ def _robot(watched: Watched) -> list[str]:
     ]
 
 
-def _warnings(watched: Watched) -> list[str]:
+def _warnings(graph: GraphState) -> list[str]:
     said = []
-    health = watched.health(SIM_REPORT)
+    health = graph.health(SIM_REPORT)
     if health is not None and health.level is not Level.OK:
         summary = health.message.partition(", the last")[0]
         said.append(_spot(RED if health.level is Level.ERROR else ORANGE, escape(summary)))
     elif health is not None and health.message == "paused":
         said.append(_spot(ORANGE, "paused"))
-    tick, decision, seen = watched.tick, watched.decision, watched.seen
+    tick, decision, nodes = graph.tick, graph.decision, graph.nodes
     if tick is not None and tick.status.refused:
         said.append(_spot(ORANGE, f"refused: {escape(tick.status.refused)}"))
-    if seen.agent and decision is not None and decision.code is GateCode.ASKING:
+    if nodes.agent and decision is not None and decision.code is GateCode.ASKING:
         said.append(_spot(ORANGE, "<b>the agent is unsure and asks for you</b>"))
-    if seen.beside and seen.others:
-        said.append(f"driven by {escape(', '.join(seen.others))}")
-    if watched.log.running:
+    if nodes.beside and nodes.others:
+        said.append(f"driven by {escape(', '.join(nodes.others))}")
+    if graph.log.running:
         said.append(_spot(RED, "<b>recording</b>"))
-    if seen.answer:
-        said.append(f"<i>{escape(seen.answer)}</i>")
+    if nodes.answer:
+        said.append(f"<i>{escape(nodes.answer)}</i>")
     return said

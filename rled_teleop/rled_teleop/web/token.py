@@ -9,12 +9,12 @@ from typing import NamedTuple
 from urllib.parse import quote as percent
 
 from rled_msgs_py.errors import RledError, command
-from rled_msgs_py.foreign import read_text
+from rled_msgs_py.untrusted import read_text
 
-from rled_teleop.web_params import WebParams
+from rled_teleop.web.params import WebParams
 
 VARIABLE = "RLED_TOKEN"
-LONGEST = 1000
+MAX_TOKEN_LENGTH = 1000
 """Characters of a token."""
 
 
@@ -54,14 +54,16 @@ def given_token(params: WebParams, environment: MutableMapping[str, str] = os.en
         found = _read(Path(params.token_file).expanduser())
     else:
         found = Token(from_environment, f"the value of {VARIABLE}")
-    if not found.word.isprintable() or len(found.word) > LONGEST:
-        raise RledError("the token is no word", f"one line of {LONGEST} characters at most", "openssl rand -hex 16")
+    if not found.word.isprintable() or len(found.word) > MAX_TOKEN_LENGTH:
+        raise RledError(
+            "the token is no word", f"one line of {MAX_TOKEN_LENGTH} characters at most", "openssl rand -hex 16"
+        )
     return found
 
 
 def _read(path: Path) -> Token:
     try:
-        word = read_text(path, f"the token file {path}", 4 * LONGEST).strip()
+        word = read_text(path, f"the token file {path}", 4 * MAX_TOKEN_LENGTH).strip()
         is_open = path.stat().st_mode & stat.S_IROTH
     except OSError as error:
         remedy = _made(path) if isinstance(error, FileNotFoundError) else "name another file"

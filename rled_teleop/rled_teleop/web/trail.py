@@ -1,4 +1,4 @@
-"""The way of the end effector, each piece in the colour of who acted."""
+"""The path of the end effector, each piece in the colour of who acted."""
 
 from collections import deque
 from typing import NamedTuple
@@ -16,9 +16,9 @@ COLOURS: dict[Actor, Colour] = {
     Actor.HUMAN: (22, 163, 74),
     Actor.HOLD: (148, 153, 163),
 }
-LONGEST = 600
+MAX_PIECES = 600
 """Pieces kept."""
-SHORTEST = 5e-4
+MIN_PIECE_LENGTH = 5e-4
 """Motions below this join the piece before them (m)."""
 
 
@@ -35,10 +35,10 @@ class Pieces(NamedTuple):
 
 
 class Trail:
-    """The newest pieces of the way; a new episode begins a new one."""
+    """The newest pieces of the path; a new episode begins a new one."""
 
     def __init__(self) -> None:
-        self._ends: deque[tuple[NDArray[np.float64], NDArray[np.float64], Actor]] = deque(maxlen=LONGEST)
+        self._ends: deque[tuple[NDArray[np.float64], NDArray[np.float64], Actor]] = deque(maxlen=MAX_PIECES)
         self._last: Tick | None = None
 
     def add(self, tick: Tick, actor: Actor) -> None:
@@ -47,7 +47,7 @@ class Trail:
         if last is None or tick.status.episode != last.status.episode or tick.stamp < last.stamp:
             self._ends.clear()
             self._last = tick
-        elif float(np.linalg.norm(tick.ee.position - last.ee.position)) >= SHORTEST:
+        elif float(np.linalg.norm(tick.ee.position - last.ee.position)) >= MIN_PIECE_LENGTH:
             self._ends.append((last.ee.position, tick.ee.position, actor))
             self._last = tick
 

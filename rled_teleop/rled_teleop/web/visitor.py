@@ -6,13 +6,13 @@ import viser
 
 from rled_teleop.web.control import Control
 from rled_teleop.web.driving_panel import DrivingPanel
+from rled_teleop.web.graph_state import GraphState
 from rled_teleop.web.handle import target_handle, tool_handle
 from rled_teleop.web.learning_panel import LearningPanel
+from rled_teleop.web.recording_manager import RecordingManager
 from rled_teleop.web.recording_panel import RecordingPanel
 from rled_teleop.web.status import status_text
-from rled_teleop.web.studio import Studio
 from rled_teleop.web.view_panel import ViewPanel
-from rled_teleop.web.watched import Watched
 
 
 class Visitor:
@@ -21,15 +21,20 @@ class Visitor:
     Args:
         client: viser's handle of it.
         control: what the visitor may do to the robot.
-        watched: what the graph says.
-        studio: the recorder, bags and replays.
+        graph: what the graph says.
+        manager: the recorder, bags and replays.
         shown: names of what is shown of the scene.
     """
 
     def __init__(
-        self, client: viser.ClientHandle, control: Control, watched: Watched, studio: Studio, shown: set[str]
+        self,
+        client: viser.ClientHandle,
+        control: Control,
+        graph: GraphState,
+        manager: RecordingManager,
+        shown: set[str],
     ) -> None:
-        self.client, self._control, self._watched = client, control, watched
+        self.client, self._control, self._graph = client, control, graph
         gui = client.gui
         self._status = gui.add_html("")
         self._stop = gui.add_button("EMERGENCY STOP", color="red", icon=viser.Icon.HAND_STOP)
@@ -39,11 +44,11 @@ class Visitor:
         tabs = gui.add_tab_group()
         self._handle, self._target = tool_handle(client, control), target_handle(client, control)
         with tabs.add_tab("Drive", viser.Icon.ARROWS_MOVE):
-            self._driving = DrivingPanel(client, control, watched)
+            self._driving = DrivingPanel(client, control, graph)
         with tabs.add_tab("Record", viser.Icon.VIDEO):
-            self._recording = RecordingPanel(client, control, watched, studio)
+            self._recording = RecordingPanel(client, control, graph, manager)
         with tabs.add_tab("Learn", viser.Icon.CHART_LINE):
-            self._learning = LearningPanel(client, control, watched)
+            self._learning = LearningPanel(client, control, graph)
         with tabs.add_tab("View", viser.Icon.EYE):
             self._view = ViewPanel(client, control, shown)
         self._drives: bool | None = None
@@ -56,8 +61,8 @@ class Visitor:
     def follow(self) -> None:
         """Bring the handles to tool and target; many times a second."""
         drives = self._control.drives(self.client.client_id)
-        self._handle.follow(self._watched, drives)
-        self._target.follow(self._watched, drives and self._driving.moves_target)
+        self._handle.follow(self._graph, drives)
+        self._target.follow(self._graph, drives and self._driving.moves_target)
 
     def renew(self) -> None:
         """Bring texts and controls up to date; some times a second."""
@@ -68,7 +73,7 @@ class Visitor:
             for panel in (self._driving, self._recording, self._learning, self._view):
                 panel.enable(drives)
         with self.client.atomic():
-            self._status.content = status_text(self._watched, self._control, me)
+            self._status.content = status_text(self._graph, self._control, me)
             self._wheel.label = "Let go" if drives else "Drive"
             self._wheel.disabled = not drives and not self._control.may_take(me)
             self._driving.renew()

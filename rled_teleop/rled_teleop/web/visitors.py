@@ -7,11 +7,11 @@ class Visitors:
     """The visitors of the page, of whom one at most drives. All methods are thread-safe.
 
     Args:
-        patience: so long (s) a driver may be silent before somebody else may take over.
+        timeout: so long (s) a driver may be silent before somebody else may take over.
     """
 
-    def __init__(self, patience: float) -> None:
-        self._patience = patience
+    def __init__(self, timeout: float) -> None:
+        self._timeout = timeout
         self._lock = Lock()
         self._present: list[int] = []
         self._driver: int | None = None
@@ -67,4 +67,4 @@ class Visitors:
                 self._heard = max(now, self._heard)
 
     def _may_take(self, now: float) -> bool:
-        return self._driver is None or now - self._heard > self._patience
+        return self._driver is None or now - self._heard > self._timeout

@@ -6,7 +6,7 @@ from typing import Any
 
 import yaml
 from rled_msgs_py.errors import RledError
-from rled_msgs_py.foreign import read_json, read_yaml
+from rled_msgs_py.untrusted import read_json, read_yaml
 
 from . import plain
 from .values import mutated

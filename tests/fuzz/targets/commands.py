@@ -9,8 +9,8 @@ from rled_agent.nodes.agent_params import AgentParams
 from rled_msgs_py.params import build, parameters_of, parse_command_line
 from rled_sim.robots import robot_named
 from rled_sim.sim_params import SimParams, limits_of
-from rled_teleop.record_params import RecordParams
-from rled_teleop.web_params import WebParams
+from rled_teleop.recording.params import RecordParams
+from rled_teleop.web.params import WebParams
 
 from ..mutators.lines import mutate as mutate
 

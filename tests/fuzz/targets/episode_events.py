@@ -6,8 +6,8 @@ from pathlib import Path
 from rled_msgs_py.bags import Bag, BagWriter, drop, review, trim
 from rled_msgs_py.records import Text
 from rled_msgs_py.topics import EPISODE_EVENTS
-from rled_teleop.episodes import About, Episodes
-from rled_teleop.web.watched import Watched
+from rled_teleop.recording.episode_events import EpisodeEvents, Provenance
+from rled_teleop.web.graph_state import GraphState
 
 from ...rled_msgs_py.samples import PERIOD, TASK, recording
 from ..mutators import lines
@@ -18,7 +18,7 @@ EVENT = {"event": "start", "episode": 0, "stamp": 0}
 
 @lru_cache
 def seeds() -> list[bytes]:
-    episodes = Episodes(About("keyboard", "1"))
+    episodes = EpisodeEvents(Provenance("keyboard", "1"))
     episodes.describe(TASK)
     told = [episodes.start(0), episodes.stop(3 * PERIOD), *episodes.judge("keep", 3 * PERIOD)]
     told += [episodes.start(4 * PERIOD), *episodes.judge("discard", 8 * PERIOD)]
@@ -36,12 +36,12 @@ def mutate(data, other, rng):
 
 def read(data: bytes, folder: Path) -> None:
     cuts, *events = data.decode(errors="replace").replace("\0", "").split("\n")
-    watched = Watched()
+    graph = GraphState()
     with BagWriter(folder / "bag", metadata={"cuts": cuts}) as bag:
         for topic, record in recording(5):
             bag.write(topic, record)
         for event in events[:20]:
-            watched.on_event(event)
+            graph.on_event(event)
             bag.write(EPISODE_EVENTS, Text(event))
     found = Bag(folder / "bag")
     review(found)

@@ -6,7 +6,7 @@ from urllib.parse import unquote_to_bytes
 
 import viser
 from rled_teleop.web.access import Access
-from rled_teleop.web.guard import judged
+from rled_teleop.web.protection import judged
 from websockets.http11 import Request
 from websockets.server import ServerProtocol
 

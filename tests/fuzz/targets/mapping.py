@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.records import JointSample
-from rled_teleop.mapping import RecordingMapping
+from rled_teleop.operators.mapping import RecordingMapping
 
 from ..mutators.objects import yaml_text as mutate
 

@@ -10,7 +10,7 @@ from rled_msgs_py.messages import decode, encode
 from rled_msgs_py.records import Actor, GateCode, GateDecision, Health, Level, Text
 from rled_msgs_py.tick import STATE_NAMES, TickAssembler
 from rled_msgs_py.topics import DIAGNOSTICS, EPISODE_EVENTS, RECORDED, SAFETY_GATE, TARGET_REQUEST
-from rled_teleop.episodes import EPISODE, REACHED, count_of
+from rled_teleop.recording.episode_events import EPISODE, REACHED, count_of
 
 from ...rled_msgs_py.samples import PERIOD, descriptions, same, tick
 from ..mutators import cdr

@@ -1,4 +1,4 @@
-"""What a driver's page wishes, six numbers and a kind: the displacement stays finite and within Δq_max."""
+"""What a driver's page commands, six numbers and a kind: the displacement stays finite and within Δq_max."""
 
 import os
 from contextlib import suppress
@@ -13,10 +13,10 @@ from rled_msgs_py.records import PoseSample
 from rled_sim.robots import ROBOTS
 from rled_sim.target_request import requested_target
 from rled_sim.tasks import reach_task
-from rled_teleop.jog import Jog
-from rled_teleop.web.order import Order, OrderSlot
+from rled_teleop.operators.jog import Jog
+from rled_teleop.web.jog_command import Follow, Move, Turn
+from rled_teleop.web.set_point import SetPoint, SetPointSlot
 from rled_teleop.web.steering import steer
-from rled_teleop.web.wish import Follow, Move, Turn
 
 from ..mutators import plain
 
@@ -45,15 +45,15 @@ def mutate(data: bytes, other: bytes, rng: Random) -> bytes:
 def read(data: bytes, _: Path) -> None:
     kind, *numbers, until = unpack("<B5d", data[:41].ljust(41, b"\0"))
     *point, share = np.clip(np.nan_to_num(numbers), (-FAR, -FAR, -FAR, 0.0), (FAR, FAR, FAR, 1.0)).tolist()
-    slot = OrderSlot()
+    slot = SetPointSlot()
     os.close(slot.file)  # the memory stays as long as the slot
     for robot, jog in zip(ROBOTS.values(), jogs(), strict=True):
         joint = kind // KINDS % jog.task.action_size
-        wish = (None, Follow(tuple(point)), Move(tuple(point)), Turn(joint, point[0]))[kind % KINDS]
-        slot.put(Order(wish, until, share, bool(kind & 64)))
-        order = slot.newest()
-        assert order.wish == wish, "another wish than was given"
-        delta = steer(order, jog, np.array(robot.home), 0.0)
+        command = (None, Follow(tuple(point)), Move(tuple(point)), Turn(joint, point[0]))[kind % KINDS]
+        slot.put(SetPoint(command, until, share, bool(kind & 64)))
+        set_point = slot.newest()
+        assert set_point.command == command, "another command than was given"
+        delta = steer(set_point, jog, np.array(robot.home), 0.0)
         if delta is not None:
             assert np.isfinite(delta).all(), "a displacement that is no number"
             assert np.abs(delta).max() <= jog.task.max_delta * (1 + 1e-9), "a displacement beyond Δq_max"

@@ -5,7 +5,7 @@ from pathlib import Path
 from rled_msgs_py.bags.metadata import FileSummary, serialized
 from rled_msgs_py.bags.writer import describe
 from rled_msgs_py.topics import JOINT_DELTA, ROBOT_DESCRIPTION
-from rled_teleop.bag_messages import quality
+from rled_teleop.recording.bag_messages import quality
 
 from ..mutators.objects import yaml_text as mutate
 

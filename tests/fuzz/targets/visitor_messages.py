@@ -1,4 +1,4 @@
-"""What the page of a visitor who drives may send: nothing of it raises, and no wish is beyond numbers."""
+"""What the page of a visitor who drives may send: nothing of it raises, and no command is beyond numbers."""
 
 from pathlib import Path
 
@@ -32,8 +32,10 @@ def seeds() -> list[bytes]:
 def read(data: bytes, _: Path) -> None:
     page = open_page()
     page.tell(data)
-    order = page.orders[-1]
-    assert order.wish is None or np.isfinite(np.hstack(list(order.wish))).all(), f"the wish {order.wish}"
-    assert 0.0 <= order.share <= 1.0, f"a share of full speed of {order.share}"
-    target = page.control.asked.take().get("target", (0.0,))
+    set_point = page.set_points[-1]
+    assert set_point.command is None or np.isfinite(np.hstack(list(set_point.command))).all(), (
+        f"the command {set_point.command}"
+    )
+    assert 0.0 <= set_point.share <= 1.0, f"a share of full speed of {set_point.share}"
+    target = page.control.requests.take().get("target", (0.0,))
     assert np.isfinite(target).all(), f"a target at {target}"

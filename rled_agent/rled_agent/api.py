@@ -1,0 +1,78 @@
+"""The whole way in three functions, for notebooks and other packages."""
+
+from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
+from threading import Event
+
+import numpy as np
+
+from rled_agent.data.demonstrations import Demonstrations
+from rled_agent.learners.cloning import CloningConfig, CurvePoint, clone_expert
+from rled_agent.methods.td3 import TD3
+from rled_agent.nn.policy import Policy
+from rled_agent.training.config import TrainConfig
+from rled_agent.training.environments import environment_of, make_environment
+from rled_agent.training.rollout import mean_result, roll_out
+from rled_agent.training.run import Inputs, composed
+from rled_agent.training.run import train as train_run
+from rled_agent.training.run_directory import RunDirectory
+
+
+def clone(
+    demonstrations: Demonstrations,
+    config: CloningConfig | None = None,
+    seed: int = 0,
+    progress: Callable[[CurvePoint], None] = lambda _: None,
+) -> Policy:
+    """The expert policy, fitted to demonstrations (Eq. 4.10); the same seed gives the same policy.
+
+    Raises:
+        RledError: too few demonstrations, or a loss that is no number.
+    """
+    return clone_expert(demonstrations, config or CloningConfig(), np.random.default_rng(seed), progress)[0]
+
+
+def train(
+    config: TrainConfig,
+    demonstrations: Demonstrations | None = None,
+    expert: Policy | None = None,
+    output: str | Path = "out/run",
+    stop: Event | None = None,
+) -> Policy | None:
+    """Learn by a method until the schedule's steps are done.
+
+    Args:
+        config: method, task and schedule.
+        demonstrations: for methods that need them.
+        expert: likewise.
+        output: folder of the run; a new one.
+        stop: set it to end early.
+
+    Returns:
+        The policy of the last step; None for an environment that is not of this project.
+
+    Raises:
+        RledError: settings that do not fit each other, or a folder that holds a run.
+    """
+    directory = RunDirectory(Path(output))
+    directory.require_new()
+    with composed(config, Inputs(demonstrations, expert)) as run:
+        directory.create({"config": config.to_dict()})
+        train_run(run, directory, stop or Event())
+        return run.policy()
+
+
+def evaluate(policy: Policy, demonstrations: Demonstrations, episodes: int = 20, seed: int = 0) -> dict[str, float]:
+    """Mean result of whole episodes of the policy's task, begun where the demonstrations begin.
+
+    Returns:
+        ``reward`` (1), ``steps``, ``targets_reached`` and ``violations`` of an episode.
+
+    Raises:
+        RledError: a robot without a task, or demonstrations of another.
+    """
+    policy.task.require_same_robot(demonstrations.task, "the demonstrations")
+    config = TrainConfig(TD3(), env=environment_of(policy.task.robot), reward=policy.task.reward)
+    with closing(make_environment(config, demonstrations.starts)) as env:
+        return mean_result(roll_out(env, policy.act, episodes, seed))

@@ -1,0 +1,1 @@
+"""The nodes, and an environment over their topics: the only ROS in this package."""

@@ -1,0 +1,1 @@
+"""The contract in rclpy's terms. Nothing else in this package imports ROS."""

@@ -1,0 +1,1 @@
+"""What imports ROS: the simulation node, and what it draws."""

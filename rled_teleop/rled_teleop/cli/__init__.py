@@ -1,0 +1,1 @@
+"""The command ``demos`` and its subcommands."""

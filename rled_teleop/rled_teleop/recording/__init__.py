@@ -1,0 +1,1 @@
+"""From received messages to a bag: order, episodes, filters, and what a bag holds. No ROS."""
