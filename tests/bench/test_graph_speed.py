@@ -5,11 +5,11 @@ import time
 from dataclasses import replace
 
 import torch
+from rled_agent.cli.presets import PANDA_BIASED
+from rled_agent.nodes.graph_env import GraphEnv
 from rled_agent.training.environments import make_environment
 from rled_agent.training.expertise import no_expertise
-from rled_agent.nodes.graph_env import GraphEnv
 from rled_agent.training.metrics import Interval
-from rled_agent.cli.presets import PANDA_BIASED
 from rled_agent.training.trainer import Trainer
 from rled_msgs_py.processes import Children, program
 

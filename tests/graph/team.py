@@ -18,7 +18,6 @@ from rled_agent.learners.cloning import CloningConfig, clone_expert
 from rled_agent.nn.architecture import Architecture
 from rled_agent.nn.perceptron import Perceptron
 from rled_agent.nn.policy import Policy, load_policy
-from rled_msgs_py.ros.node import fresh_context, spin_until, subscribe
 from rled_msgs_py.processes import program
 from rled_msgs_py.records import Health, JointSample
 from rled_msgs_py.ros.node import fresh_context, spin_until, subscribe

@@ -7,10 +7,9 @@ from typing import Any
 
 import pytest
 from rclpy.parameter import Parameter
+from rled_agent.nn.policy import GateSettings, load_policy
 from rled_agent.nodes.agent_node import AgentNode
 from rled_agent.nodes.agent_params import AgentParams
-from rled_agent.nn.policy import load_policy
-from rled_agent.nn.policy import GateSettings
 from rled_msgs_py.errors import ContractError
 from rled_msgs_py.ros.node import fresh_context
 

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
-from rled_agent.training.checkpoint import read_checkpoint
 from rled_agent.nn.policy import load_policy
+from rled_agent.training.checkpoint import read_checkpoint
 from rled_msgs_py.processes import program
 from rled_msgs_py.records import Actor, GateCode, Level
 from std_srvs.srv import SetBool, Trigger

@@ -7,11 +7,9 @@ import numpy as np
 import pytest
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
-from rled_agent.training.checkpoint import read_checkpoint
 from rled_agent.deploy.learner_process import PERSON_ROWS
 from rled_agent.nn.policy import load_policy
-from rled_msgs_py.ros.convert import to_msg
-from rled_msgs_py.ros.node import advertise
+from rled_agent.training.checkpoint import read_checkpoint
 from rled_msgs_py.processes import program
 from rled_msgs_py.records import Actor, DeltaCommand, GateCode, GateDecision, Level, Text
 from rled_msgs_py.ros.convert import to_msg

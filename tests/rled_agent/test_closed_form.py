@@ -75,7 +75,7 @@ def test_observations_of_the_panda_are_the_displacement_to_the_target_and_the_jo
     pairs = zeta.sample(50, np.random.default_rng(3))
     moves = zeta.draw(50, np.random.default_rng(3))
     tips = np.array([PANDA.chain.position(q) for q in moves.q])
-    np.testing.assert_array_equal(pairs.observations, np.hstack([moves.target - tips, moves.q]))
+    np.testing.assert_allclose(pairs.observations, np.hstack([moves.target - tips, moves.q]), atol=1e-15)
     np.testing.assert_array_equal(pairs.actions, moves.action)
 
 

@@ -21,7 +21,7 @@ FLOORS = [
     {"exploration", "rewards", "learners"},
     {"methods"},
     {"training"},
-    {"deploy", "experiments"},
+    {"deploy", "experiments", "api"},
     {"nodes"},
     {"cli"},
 ]
@@ -67,6 +67,13 @@ def own_imports(name: str) -> set[str]:
     """Modules of this package that a module imports, without the package's name."""
     inside = {each.removeprefix("rled_agent.") for each in imported_by(name) if each.startswith("rled_agent.")}
     return {each for each in inside if each in MODULES or any(known.startswith(f"{each}.") for known in MODULES)}
+
+
+def test_every_public_name_is_there():
+    assert sorted(rled_agent.__all__) == sorted(rled_agent._HOMES)
+    assert all(getattr(rled_agent, name) is not None for name in rled_agent.__all__)
+    with pytest.raises(AttributeError, match="no attribute 'Learner'"):
+        rled_agent.Learner  # noqa: B018
 
 
 def test_every_module_lies_on_a_floor():

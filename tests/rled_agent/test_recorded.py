@@ -61,7 +61,7 @@ def test_recorded_trajectories_are_the_answered_states_after_the_last_mark(recor
     assert len(trajectories) == 3
     tips = PLANAR.chain.position([[-0.8, 1.6], [-0.79, 1.58], [-0.74, 1.64]])[:, :2]
     targets = [first[:2], first[:2], second[:2]]
-    np.testing.assert_array_equal(trajectories.answers.observations, np.hstack([tips, targets]))
+    np.testing.assert_allclose(trajectories.answers.observations, np.hstack([tips, targets]), atol=1e-15)
     np.testing.assert_array_equal(trajectories.answers.actions, [[0.01, -0.02], [0.05, 0.06], [0.1, -0.1]])
     assert trajectories.answers.trajectory.tolist() == [0, 0, 1]
 

@@ -254,17 +254,17 @@ def test_no_value_follows_a_terminated_transition():
 
 
 def test_smoothing_noise_is_clipped():
-    learner = linear(gamma=1.0, target_noise=1e6, target_clip=0.5)
-    set_target(learner, (0.0, 0.0), (0.0, 4.0, 0.0), (0.0, -4.0, 0.0))
-    # a' = 0 plus or minus 0.5: the lesser of 4 a' and -4 a' is -2
+    learner = linear(gamma=1.0, target_noise=10.0, target_clip=0.005)
+    set_target(learner, (0.0, 0.0), (0.0, 400.0, 0.0), (0.0, -400.0, 0.0))
+    # a' = 0 plus or minus 0.005: the lesser of 400 a' and -400 a' is -2
     assert [y(learner, 5.0, False, 0.0) for _ in range(10)] == pytest.approx([3.0] * 10)
 
 
 def test_smoothed_actions_stay_within_their_bounds():
-    learner = linear(gamma=1.0, target_noise=1e6, target_clip=0.5)
-    set_target(learner, (0.0, 100.0), (0.0, 4.0, 0.0), (0.0, 4.0, 0.0))
-    # a' = 1 plus or minus 0.5, clipped to 1
-    seen = {round(y(learner, 5.0, False, 0.0), 4) for _ in range(40)}
+    learner = linear(gamma=1.0, target_noise=10.0, target_clip=0.005)
+    set_target(learner, (0.0, 100.0), (0.0, 400.0, -396.0), (0.0, 400.0, -396.0))
+    # a' = 1 plus or minus 0.005, clipped to 1: 400 a' - 396 is 4 or 2
+    seen = {round(y(learner, 5.0, False, 0.0), 3) for _ in range(40)}
     assert seen == {7.0, 9.0}
 
 
