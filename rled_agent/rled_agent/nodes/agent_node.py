@@ -121,9 +121,9 @@ class AgentNode(Node):
 
     def _on_change(self, given: AgentParams) -> None:
         params = given.in_force(self._trained)
+        self._pilot.adjust(params.strategy(self._trained))  # it may refuse them
         if self._arbiter is not None:
             self._arbiter.settings = params.safety()
-        self._pilot.adjust(params.strategy(self._trained))
         self._params = params
         if self._waiting is not None:
             self._waiting = self._waiting._replace(proposal=self._pilot.propose(self._waiting.observation))
