@@ -103,7 +103,7 @@ def test_the_agent_learns_in_a_process_of_its_own(gated, agent, folder) -> None:
     assert report.level is Level.OK
     assert gated.call(SetBool, "agent_node/learn", data=False).success
     gated.wait(state.exists, "the state of learning")
-    assert read_checkpoint(state).state["added"] > 500
+    assert read_checkpoint(state).state["replay.added"] > 500
     assert gated.call(Trigger, "agent_node/save").success
     learned = load_policy(state.with_name("policy.safetensors")).network.vector()
     assert not (learned == load_policy(agent).network.vector()).all()
