@@ -44,7 +44,7 @@ from rled_agent.training.plots import Floats, draw_tool_paths, drawn_plane
 from rled_agent.training.progress import Progress
 from rled_agent.training.rollout import mean_result, roll_out
 
-DRAWN = 20
+DRAWN_TRAJECTORIES = 20
 """Motions of a distance bin that are drawn and kept."""
 
 
@@ -127,7 +127,9 @@ def _evaluate(
             _draw(options.output / f"paths_{group.name.replace(' ', '_')}.png", group, points.positions, motions, task)
             progress.say(done, {f"success of {name}": each.success for name, each in row.items()})
             results[group.name] = row
-            traces[group.name] = {name: [trace(motion) for motion in each[:DRAWN]] for name, each in motions.items()}
+            traces[group.name] = {
+                name: [trace(motion) for motion in each[:DRAWN_TRAJECTORIES]] for name, each in motions.items()
+            }
     return results, traces
 
 
@@ -157,15 +159,15 @@ def _bins(task: TaskDescription, points: DemonstrationPoints, chain: Chain, opti
 def _draw(
     path: Path, group: DistanceBin, known: Floats, motions: Mapping[str, list[Trajectory]], task: TaskDescription
 ) -> None:
-    paths = {name: [motion.positions for motion in each[:DRAWN]] for name, each in motions.items()}
+    paths = {name: [motion.positions for motion in each[:DRAWN_TRAJECTORIES]] for name, each in motions.items()}
     plane = drawn_plane(task)
-    title = f"{task.robot}: targets {group.name}, {len(group.targets[:DRAWN])} of {len(group.targets)}"
-    goals = group.targets[:DRAWN]
+    title = f"{task.robot}: targets {group.name}, {len(group.targets[:DRAWN_TRAJECTORIES])} of {len(group.targets)}"
+    goals = group.targets[:DRAWN_TRAJECTORIES]
     draw_tool_paths(path, ("demonstrated points", known), goals, paths, plane, task.tolerance**0.5, title)
 
 
 def _plain(value: Score) -> dict[str, float | None]:
-    return {name: figure if math.isfinite(figure) else None for name, figure in value._asdict().items()}
+    return {name: metric if math.isfinite(metric) else None for name, metric in value._asdict().items()}
 
 
 def _print_table(results: Mapping[str, Mapping[str, Score]]) -> None:
@@ -173,14 +175,14 @@ def _print_table(results: Mapping[str, Mapping[str, Score]]) -> None:
     print(f"{'targets':<16}{'policy':<8}" + "".join(f"{head:>14}" for head in heads))
     for group, row in results.items():
         for name, value in row.items():
-            print(f"{group:<16}{name:<8}" + "".join(f"{figure:>14.3g}" for figure in value))
+            print(f"{group:<16}{name:<8}" + "".join(f"{metric:>14.3g}" for metric in value))
 
 
 def _print_episodes(episodes: Mapping[str, Mapping[str, float]]) -> None:
     heads = ("return", "steps", "targets", "violations")
     print(f"\n{'episodes':<24}" + "".join(f"{head:>14}" for head in heads))
     for name, row in episodes.items():
-        print(f"{name:<24}" + "".join(f"{figure:>14.4g}" for figure in row.values()))
+        print(f"{name:<24}" + "".join(f"{metric:>14.4g}" for metric in row.values()))
 
 
 if __name__ == "__main__":

@@ -53,7 +53,7 @@ class Options:
     reward_scale: Amount = 1.0
     """what rewards are multiplied by before the learner sees them"""
     noise: Annotated[float, Range(0, 10)] = 0.1
-    """td3: deviation of the exploration noise, in halves of the action range"""
+    """td3: std of the exploration noise, in halves of the action range"""
     evaluate_every: Count = 5_000
     """steps between evaluations"""
     evaluation_episodes: Annotated[int, Range(1, 100_000)] = 20

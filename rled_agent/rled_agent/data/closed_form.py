@@ -130,11 +130,11 @@ class JoinedPoints:
         before = np.where(pair > 0, self._ends[pair - 1], 0)
         start, goal = np.divmod(pair, len(self.points.joints))
         q_0, q_goal = self.points.joints[start], self.points.joints[goal]  # (k, n)
-        way = q_goal - q_0  # (k, n)
-        length = np.abs(way).max(axis=1, keepdims=True)  # (k, 1), e_qmax at the start
+        segment = q_goal - q_0  # (k, n)
+        length = np.abs(segment).max(axis=1, keepdims=True)  # (k, 1), e_qmax at the start
         done = (transition - before)[:, None] * self.task.max_delta  # (k, 1)
-        q = q_0 + way * (done / length)
-        action = way / length * np.minimum(length - done, self.task.max_delta)
+        q = q_0 + segment * (done / length)
+        action = segment / length * np.minimum(length - done, self.task.max_delta)
         shown = self._goals[pair] if self.corruption.wrong else goal
         return Shown(q, self.chain.position(q), self.points.positions[shown], action)
 

@@ -15,7 +15,7 @@ class Corruption:
     """How poor the demonstrations are made; not at all by default."""
 
     tremor: Annotated[float, Range(0, 10)] = 0.0
-    """deviation of noise on each demonstrated displacement, as a share of the greatest displacement"""
+    """std of noise on each demonstrated displacement, as a share of Δq_max"""
     wrong: Share = 0.0
     """share of the motions that do not lead to the target that they were shown for"""
     seed: Seed = 0
@@ -24,17 +24,19 @@ class Corruption:
     def __post_init__(self) -> None:
         check_fields(self)
 
-    def shaken(self, action: NDArray[np.float64], most: float, generator: np.random.Generator) -> NDArray[np.float64]:
+    def shaken(
+        self, action: NDArray[np.float64], max_delta: float, generator: np.random.Generator
+    ) -> NDArray[np.float64]:
         """Displacements (rad) of a trembling hand, within Δq_max.
 
         Args:
             action: intended displacements (rad), shape (k, n).
-            most: Δq_max (rad).
+            max_delta: Δq_max (rad).
             generator: draws the tremor; nothing is drawn from it for a hand that does not tremble.
         """
         if not self.tremor:
             return action
-        return np.clip(action + generator.normal(0.0, self.tremor * most, action.shape), -most, most)
+        return np.clip(action + generator.normal(0.0, self.tremor * max_delta, action.shape), -max_delta, max_delta)
 
     def goals_shown(self, points: int) -> NDArray[np.int64]:
         """For each ordered pair of points, in row order, the point that was shown as its target, shape (points²,)."""

@@ -54,7 +54,7 @@ def select_episodes(bag: Bag, min_quality: float, say: Say) -> Episodes:
 
     Args:
         bag: a recording.
-        min_quality: least score of a way to a target, 0 to 1.
+        min_quality: least score of a segment to a target, 0 to 1.
         say: takes each line.
 
     Raises:
@@ -64,22 +64,23 @@ def select_episodes(bag: Bag, min_quality: float, say: Say) -> Episodes:
     _require_sound(bag, found, found.faults)
     reasons = {each.number: "discarded by the operator" for each in found.episodes if not each.kept}
     _say_faults(bag, found, [each for each in found.faults if _matters(each, bag, found, set(reasons))], say)
-    poor = _poor_ways(bag, found, [each for each in found.episodes if each.number not in reasons], min_quality)
-    for number, ways in poor.items():
+    poor = _poor_segments(bag, found, [each for each in found.episodes if each.number not in reasons], min_quality)
+    for number, segments in poor.items():
         of = len(next(each for each in found.episodes if each.number == number).segments)
-        if len(ways) == of:
+        if len(segments) == of:
             reasons[number] = f"quality below {min_quality:g}"
         else:
-            say(f"left out: {len(ways)} of {of} ways to targets in episode {number}: quality below {min_quality:g}")
+            parts = f"{len(segments)} of {of} segments of episode {number}"
+            say(f"left out: {parts}: quality below {min_quality:g}")
     for reason in dict.fromkeys(reasons.values()):
         say(f"left out: {_names([number for number, why in reasons.items() if why == reason])}: {reason}")
     if found.episodes and len(reasons) == len(found.episodes):
         raise SelectionError(
             f"no episode of {bag.path} is left", "one or more", f"see: {command('demos', 'info', bag.path)}"
         )
-    chosen = [_motion(each, found) for each in found.episodes if each.number not in reasons and each.segments]
+    chosen = [_span(each, found) for each in found.episodes if each.number not in reasons and each.segments]
     left_out = [(each.first, each.last) for each in found.episodes if each.number in reasons]
-    left_out += [way for ways in poor.values() for way in ways]
+    left_out += [segment for segments in poor.values() for segment in segments]
     return Episodes(chosen if bag.counts[EPISODE_EVENTS.name] else None, sorted(left_out))
 
 
@@ -105,18 +106,18 @@ def _when(found: Review, fault: Fault) -> str:
     return f"{begin:.2f} s" if fault.first == fault.last else f"{begin:.2f} s to {end:.2f} s"
 
 
-def _poor_ways(bag: Bag, found: Review, sound: list[Episode], least: float) -> dict[int, list[tuple[int, int]]]:
-    """First and last moment (ns) of the ways to targets whose score is less than ``least``, by episode."""
+def _poor_segments(bag: Bag, found: Review, sound: list[Episode], least: float) -> dict[int, list[tuple[int, int]]]:
+    """First and last moment (ns) of the segments to targets whose score is less than ``least``, by episode."""
     poor = dict[int, list[tuple[int, int]]]()
-    ways = [each._replace(segments=(leg,)) for each in sound for leg in each.segments] if least > 0.0 else []
-    for way, quality in zip(ways, qualities(bag.task, found.timeline, ways), strict=True):
+    segments = [each._replace(segments=(part,)) for each in sound for part in each.segments] if least > 0.0 else []
+    for segment, quality in zip(segments, qualities(bag.task, found.timeline, segments), strict=True):
         if quality.score < least:
-            poor.setdefault(way.number, []).append(_motion(way, found))
+            poor.setdefault(segment.number, []).append(_span(segment, found))
     return poor
 
 
-def _motion(episode: Episode, found: Review) -> tuple[int, int]:
-    """First and last moment (ns) of an episode's ways to targets."""
+def _span(episode: Episode, found: Review) -> tuple[int, int]:
+    """First and last moment (ns) of an episode's segments to targets."""
     first, last = found.timeline.moments[[episode.segments[0].first, episode.segments[-1].last]].tolist()
     return first, last
 

@@ -40,7 +40,7 @@ class RecordedTrajectories:
 
     Attributes:
         task: robot and task.
-        answers: what operators answered to what they saw.
+        answers: displacements that operators answered to what they saw.
         carried_out: what moved, and where it led to; ticks in which the robot held are left out.
         moved: number of the trajectory that each row of ``carried_out`` belongs to, shape (m,).
     """
@@ -106,6 +106,8 @@ class RecordedTrajectories:
 def recorded_trajectories(bag: Bag, chosen: Episodes | None = None) -> RecordedTrajectories:
     """The transitions that a bag recorded after its last mark; before it the operator did not go for targets.
 
+    Pauses are left out, answers of no displacement too: a hand at rest does not show where to go.
+
     Args:
         bag: a recording.
         chosen: the episodes to take, all of them by default.
@@ -120,9 +122,10 @@ def recorded_trajectories(bag: Bag, chosen: Episodes | None = None) -> RecordedT
     left_out = _left_out(bag, chosen)
     trajectory = _trajectories(line, left_out)
     is_chosen = ~lie_in(line.moments, left_out)
-    rows = np.flatnonzero(line.answered & is_chosen)
+    has_moved = (np.abs(np.nan_to_num(line.action)) > STILL * task.max_delta).any(axis=1)
+    rows = np.flatnonzero(line.answered & has_moved & is_chosen)
     if not len(rows):
-        raise DemonstrationError("the bag holds no recorded trajectory", "states answered by joint_delta")
+        raise DemonstrationError("the bag holds no recorded trajectory", "states answered by a displacement")
     observations = task.observe(line.q[rows], line.position[rows], line.target[rows])
     moves, before = _carried_out(task, line, is_chosen)
     return RecordedTrajectories(

@@ -18,7 +18,7 @@ from rled_msgs_py.untrusted import read_json, read_text
 
 from rled_agent.experiments.experiment import Run, RunName
 from rled_agent.experiments.statistics import Curve, Floats
-from rled_agent.training.tables import LARGEST, read_rows
+from rled_agent.training.tables import MAX_BYTES, read_rows
 
 RECORD = "run.json"
 """File of a run's folder that says how it was made; a run that is done has one."""
@@ -124,7 +124,7 @@ class Archive:
     def _read(self, experiment: str) -> dict[RunName, KeptRun]:
         path = self._path(experiment)
         try:
-            lines = read_text(path, "it", LARGEST).splitlines()
+            lines = read_text(path, "it", MAX_BYTES).splitlines()
             kept = [_run(experiment, read_json(line, f"line {number}")) for number, line in enumerate(lines, 1)]
         except FileNotFoundError:
             return {}

@@ -11,7 +11,7 @@ from rled_msgs_py.errors import RledError
 from rled_agent.experiments.execution import Stopped, execute
 from rled_agent.experiments.experiment import Run
 
-LOOK = 0.5
+POLL_PERIOD = 0.5
 """Seconds between two looks at a run, and at the request to stop."""
 WEIGHTS_AND_FIGURES = (".safetensors", ".json", ".csv")
 NOT_NEEDED = "checkpoint.safetensors"
@@ -58,7 +58,7 @@ class Cluster:
         """
         needed = {str(need.folder): _files(self._root / need.folder) for need in run.needs}
         coming = self._task.remote(run, str(Path.cwd()), str(self._root), needed)
-        while not self._ray.wait([coming], timeout=LOOK)[0]:
+        while not self._ray.wait([coming], timeout=POLL_PERIOD)[0]:
             if self._stop.is_set():
                 self._ray.cancel(coming, force=True)
                 raise Stopped(f"{run.name} was stopped")

@@ -28,7 +28,7 @@ def draw(path: Path, drawing: Drawing, variants: Runs, title: str) -> None:
 
 
 def _draw_curves(axes: Axes, drawing: Drawing, variants: Runs) -> None:
-    """Mean over the seeds, and a distance bin of one standard deviation either way, as far as any seed went."""
+    """Mean over the seeds, and a band of one standard deviation either way, as far as any seed went."""
     for color, (label, runs) in zip(_colors(len(variants), drawing.ordered), variants.items(), strict=True):
         curves = [run.curve(drawing.metric).smoothed(drawing.window) for run in runs]
         steps, values = common([curve for curve in curves if len(curve.steps)] or curves)

@@ -1,4 +1,4 @@
-"""What the commands wrote of their runs, read as figures."""
+"""What the commands wrote of their runs, read as metrics."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -15,7 +15,7 @@ from rled_agent.training.evaluation import Trace
 from rled_agent.training.rollout import EpisodeResult
 
 T = TypeVar("T")
-DRAWN = ("success", "steps", "path_length", "jerk")
+DRAWN_METRICS = ("success", "steps", "path_length", "jerk")
 """Figures of a distance bin that are drawn or told."""
 
 
@@ -31,14 +31,14 @@ def read_cloning(run: KeptRun) -> Mapping[str, Floats]:
 
 
 def read_bins(run: KeptRun) -> dict[str, dict[str, dict[str, float]]]:
-    """What ``evaluate_agent`` found: distance bin, policy, figure; NaN for one that there is none of."""
-    score = partial(_figures, DRAWN, _number_or_nan)
+    """What ``evaluate_agent`` found: distance bin, policy, metric; NaN for one that there is none of."""
+    score = partial(_metrics, DRAWN_METRICS, _number_or_nan)
     return _read(run, "evaluation", lambda bins: _each(bins, lambda policies: _each(policies, score)))
 
 
 def read_episodes(run: KeptRun) -> dict[str, dict[str, float]]:
-    """What ``evaluate_agent`` found in whole episodes: policy, figure."""
-    score = partial(_figures, EpisodeResult._fields, _number)
+    """What ``evaluate_agent`` found in whole episodes: policy, metric."""
+    score = partial(_metrics, EpisodeResult._fields, _number)
     return _read(run, "episodes", lambda policies: {name: score(policies[name]) for name in ("expert", "agent")})
 
 
@@ -58,7 +58,7 @@ def _read(run: KeptRun, document: str, take: Callable[[Any], T]) -> T:
     except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError) as error:
         why = f"no {error}" if isinstance(error, LookupError) else str(error)[:200]
         what = f"the {document} of {run.name} is not as it was written ({why})"
-        raise RledError(what, "figures of a run", "make it again") from None
+        raise RledError(what, "metrics of a run", "make it again") from None
 
 
 def _each(values: dict[str, Any], take: Callable[[Any], T]) -> dict[str, T]:
@@ -67,7 +67,7 @@ def _each(values: dict[str, Any], take: Callable[[Any], T]) -> dict[str, T]:
     return {name: take(each) for name, each in values.items()}
 
 
-def _figures(names: tuple[str, ...], take: Callable[[Any], T], values: dict[str, Any]) -> dict[str, T]:
+def _metrics(names: tuple[str, ...], take: Callable[[Any], T], values: dict[str, Any]) -> dict[str, T]:
     return {name: take(values[name]) for name in names}
 
 

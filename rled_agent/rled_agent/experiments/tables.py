@@ -60,8 +60,8 @@ def _bins(_: Drawing, variants: Runs) -> tuple[list[str], list[list[str]]]:
         found = [read_bins(run) for run in runs]
         for group, policies in found[0].items():
             for policy in policies:
-                figures = [_present(each[group][policy][name] for each in found) for name in SHOWN]
-                cells = [str(estimate(values)) if values else "none" for values in figures]
+                metrics = [_present(each[group][policy][name] for each in found) for name in SHOWN]
+                cells = [str(estimate(values)) if values else "none" for values in metrics]
                 rows.append([group, policy_name(policy, label, variants), *cells, str(len(runs))])
     return ["targets", "policy", *SHOWN.values(), "seeds"], sorted(rows, key=lambda row: _rank(row[0], variants))
 

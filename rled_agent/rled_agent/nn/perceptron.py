@@ -146,13 +146,13 @@ def parameter_shapes(
 
 
 def _drawn(
-    members: int, fan_in: int, fan_out: int, way: Weights, generator: torch.Generator
+    members: int, fan_in: int, fan_out: int, scheme: Weights, generator: torch.Generator
 ) -> tuple[nn.Parameter, nn.Parameter]:
     """Random weights and biases of one layer."""
     weight, bias = (
         torch.zeros(members, *shape, device=generator.device) for shape in ((fan_in, fan_out), (1, fan_out))
     )
-    if way == "glorot":
+    if scheme == "glorot":
         bound = math.sqrt(6.0 / (fan_in + fan_out))
         weight.uniform_(-bound, bound, generator=generator)
     else:

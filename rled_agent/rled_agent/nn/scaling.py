@@ -60,7 +60,7 @@ def scaling_of_bounds(observation: tuple[Floats, Floats], action: tuple[Floats, 
 
 
 def scaling_of_samples(observations: Floats, action: tuple[Floats, Floats]) -> Scaling:
-    """The map that takes observations to mean 0 and deviation 1, and action bounds to [−1, 1].
+    """The map that takes observations to mean 0 and standard deviation 1, and action bounds to [−1, 1].
 
     A component that hardly varies keeps its unit, so that it is not blown up.
 
@@ -68,9 +68,9 @@ def scaling_of_samples(observations: Floats, action: tuple[Floats, Floats]) -> S
         observations: demonstrated observations, shape (k, o).
         action: least and greatest action, shape (n,) each.
     """
-    deviation = observations.std(axis=0)
+    std = observations.std(axis=0)
     bounds = scaling_of_bounds((observations.min(axis=0), observations.max(axis=0)), action)
-    scale = np.where(deviation > 1e-6, deviation, 1.0)
+    scale = np.where(std > 1e-6, std, 1.0)
     return Scaling(observations.mean(axis=0), scale, bounds.action_center, bounds.action_scale)
 
 

@@ -46,7 +46,7 @@ class AgentParams:
         0.0, "where unsure, hold and ask a person for so long (s) before the expert acts; 0: do not ask",
         low=0.0, high=3600.0,
     )  # fmt: skip
-    noise: float = param(0.0, "deviation of exploration noise, in halves of the action range", low=0.0, high=10.0,
+    noise: float = param(0.0, "std of exploration noise, in halves of the action range", low=0.0, high=10.0,
                          read_only=True)  # fmt: skip
     seed: int = param(0, "seed of dropped units, noise and episodes", low=0, high=2**31 - 1, read_only=True)
     learning_state: str = param("out/agent_node/learning.safetensors", "where ~/learn keeps its state", read_only=True)

@@ -21,11 +21,11 @@ from rled_msgs_py.stopping import stop_requested
 from rled_msgs_py.tick import STATE_TOPICS
 from rled_msgs_py.topics import JOINT_STATES, RECORDED, Qos, Topic
 
-HISTORY = 10_000
+QUEUE_DEPTH = 10_000
 """Messages of a topic that wait while this process is held up."""
-LOOK = 0.1
+POLL_PERIOD = 0.1
 """Seconds between two looks whether somebody still publishes."""
-GONE = 1.0
+SILENCE_TIMEOUT = 1.0
 """Seconds without a publisher and without a message after which a demonstration has ended."""
 
 
@@ -46,7 +46,7 @@ class LiveDemonstrations(Node):
         self._heard: list[Heard] = []
         self._newest, self._last = 0, 0.0
         for rank, topic in enumerate(RECORDED):
-            qos = qos_profile(Qos(HISTORY, topic.qos.reliability, topic.qos.durability))
+            qos = qos_profile(Qos(QUEUE_DEPTH, topic.qos.reliability, topic.qos.durability))
             received = partial(self._on_message, rank, topic)
             listen(self, MESSAGE_CLASSES[topic.type], topic.name, qos, received)
 
@@ -54,11 +54,11 @@ class LiveDemonstrations(Node):
         """Ask for the end when whoever demonstrated has gone."""
 
         def look() -> None:
-            silent = time.monotonic() - self._last > GONE
+            silent = time.monotonic() - self._last > SILENCE_TIMEOUT
             if self._heard and silent and not self.count_publishers(JOINT_STATES.name):
                 stop.set()
 
-        every(self, LOOK, look)
+        every(self, POLL_PERIOD, look)
         publisher = "record_demos with an operator, or replay_demos,"
         report_waiting(self, lambda: "" if self._heard else waiting_for(self, publisher, "a demonstration"))
 

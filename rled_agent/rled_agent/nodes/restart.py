@@ -10,7 +10,7 @@ from rled_msgs_py.reset_answer import ResetAnswer
 from rled_msgs_py.ros.client import Client
 from std_srvs.srv import Trigger
 
-PATIENCE = 30.0
+ANSWER_TIMEOUT = 30.0
 """Seconds that an answer is waited for when ``wait`` does not give up before."""
 
 
@@ -26,9 +26,9 @@ class Restart:
 
     def __init__(self, node: Node, wait: Callable[[Callable[[], bool], str], None], simulation: str = "sim") -> None:
         self._wait = wait
-        self._reset = Client(node, Trigger, f"{simulation}/reset", PATIENCE)
-        self._parameters = Client(node, SetParameters, f"{simulation}/set_parameters", PATIENCE)
-        self._asked = Client(node, GetParameters, f"{simulation}/get_parameters", PATIENCE)
+        self._reset = Client(node, Trigger, f"{simulation}/reset", ANSWER_TIMEOUT)
+        self._parameters = Client(node, SetParameters, f"{simulation}/set_parameters", ANSWER_TIMEOUT)
+        self._asked = Client(node, GetParameters, f"{simulation}/get_parameters", ANSWER_TIMEOUT)
 
     def is_repeatable(self) -> bool:
         """Whether what is begun with a seed is the same again: of a simulation in lockstep, of nothing else.

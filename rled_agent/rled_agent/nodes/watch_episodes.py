@@ -132,7 +132,7 @@ class WatchEpisodes(Node):
 
 
 def summarize(episodes: list[Episode]) -> dict[str, Any]:
-    """Means over episodes, and each episode's figures."""
+    """Means over episodes, and each episode's metrics."""
     each = [
         {"targets_reached": e.targets_reached, "steps": e.steps, "reward": e.reward, "violations": e.violations}
         for e in episodes

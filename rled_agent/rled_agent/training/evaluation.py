@@ -65,7 +65,7 @@ class Score(NamedTuple):
     Attributes:
         success: share of targets reached.
         steps: mean steps to a reached target.
-        path_length: mean length of the way to a reached target, over the straight way.
+        path_length: mean length of the path to a reached target, over the straight line.
         jerk: root mean square of the end effector's jerk (m/s³).
         violations: mean risky states in a motion.
     """

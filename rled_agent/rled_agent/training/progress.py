@@ -32,9 +32,9 @@ class Progress:
         """So many are done."""
         self._bar.update(done - self._bar.n)
 
-    def say(self, done: int, figures: Mapping[str, float]) -> None:
-        """So many are done, and this is how it goes; a figure that is no number is left out."""
-        shown = {name: f"{value:.3g}" for name, value in figures.items() if math.isfinite(value)}
+    def say(self, done: int, metrics: Mapping[str, float]) -> None:
+        """So many are done, and this is how it goes; a metric that is no number is left out."""
+        shown = {name: f"{value:.3g}" for name, value in metrics.items() if math.isfinite(value)}
         self.move(done)
         if not self._plain:
             self._bar.set_postfix(shown, refresh=False)

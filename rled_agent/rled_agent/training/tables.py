@@ -7,7 +7,7 @@ from pathlib import Path
 from rled_msgs_py.errors import ContractError, RledError
 from rled_msgs_py.untrusted import read_text
 
-LARGEST = 64 << 20
+MAX_BYTES = 64 << 20
 """Bytes of a table: some hundred thousand rows."""
 
 
@@ -22,7 +22,7 @@ def read_rows(path: Path, *columns: str) -> list[dict[str, float]]:
         RledError: it cannot be read, is cut, or has something in it that is no number; names the line.
     """
     try:
-        reader = csv.DictReader(io.StringIO(read_text(path, "it", LARGEST), newline=""))
+        reader = csv.DictReader(io.StringIO(read_text(path, "it", MAX_BYTES), newline=""))
         names = reader.fieldnames or []
         if missing := [name for name in columns if name not in names]:
             raise RledError(f"{path} has no column {', '.join(missing)}", "a table that this version wrote")

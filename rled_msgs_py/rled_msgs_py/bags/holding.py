@@ -73,6 +73,26 @@ def require_idle(folder: Path) -> None:
 
 
 @contextmanager
+def taking_turns(path: Path) -> Iterator[None]:
+    """A block in which no other process that takes turns makes or replaces something beside a path.
+
+    Who comes while another makes room and begins would else take an empty folder away, and both would record. A file
+    system without locks has none of it.
+
+    Raises:
+        OSError: the folder that the path is in cannot be made or opened.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        with suppress(OSError):
+            fcntl.flock(folder, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(folder)
+
+
+@contextmanager
 def replaced(folder: Path) -> Iterator[None]:
     """Take a bag's folder away for good when the block ends without an error, and put it back otherwise.
 

@@ -8,7 +8,7 @@ from types import MappingProxyType, TracebackType
 
 from rled_msgs_py.bags.definitions import definition
 from rled_msgs_py.bags.error import BagError, Unwritten, remedy
-from rled_msgs_py.bags.holding import ORIGINAL, ROOM, replaced
+from rled_msgs_py.bags.holding import ORIGINAL, ROOM, replaced, taking_turns
 from rled_msgs_py.bags.mcap_journal import SUFFIXES
 from rled_msgs_py.bags.mcap_writer import McapWriter
 from rled_msgs_py.bags.metadata import FILE_NAME, qos_profiles, write_metadata
@@ -48,12 +48,16 @@ class BagWriter:
         self, path: Path, *, metadata: Mapping[str, str] = MappingProxyType({}), overwrite: bool = False
     ) -> None:
         self.path = Path(path)
-        _make_room(self.path, overwrite)
         self.counts: Counter[str] = Counter()
         self._channels: dict[Topic | BagTopic, int] = {}
         self._last_log_time = 0
         self._closed = False
-        self._file = McapWriter(self.path / f"{self.path.name}_0.mcap", metadata)
+        try:
+            with taking_turns(self.path):
+                _make_room(self.path, overwrite)
+                self._file = McapWriter(self.path / f"{self.path.name}_0.mcap", metadata)
+        except OSError as error:
+            raise BagError(f"the folder {self.path} cannot be made: {error.strerror}") from None
 
     def write(self, topic: Topic, record: Record, log_time: int | None = None) -> None:
         """Write a record.
@@ -156,13 +160,11 @@ def _make_room(path: Path, overwrite: bool) -> None:
     """Make an empty folder.
 
     Raises:
-        BagError: something is there that may not be removed, another process writes it, or it cannot be made.
+        BagError: something is there that may not be removed, or another process writes it.
+        OSError: it cannot be made.
     """
-    try:
-        with making_way(path, overwrite):
-            path.mkdir(parents=True)
-    except OSError as error:
-        raise BagError(f"the folder {path} cannot be made: {error.strerror}") from None
+    with making_way(path, overwrite):
+        path.mkdir()
 
 
 @contextmanager
