@@ -116,12 +116,12 @@ def planar_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def planar_expert(planar_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Weights of a small expert cloned from that demonstration: it reaches nearly every target."""
     import torch
-    from rled_agent.data.demonstrations import open_demonstrations
-    from rled_agent.learners.cloning import ExpertConfig, clone_expert
+    from rled_agent.data.opening import open_demonstrations
+    from rled_agent.learners.cloning import CloningConfig, clone_expert
     from rled_agent.nn.architecture import Architecture
 
     torch.set_num_threads(1)
-    config = ExpertConfig(Architecture(hidden=(48, 48)), steps=1500)
+    config = CloningConfig(Architecture(hidden=(48, 48)), steps=1500)
     generator = np.random.default_rng(0)
     policy, _ = clone_expert(open_demonstrations(planar_bag, "points"), config, generator, lambda point: None)
     path = tmp_path_factory.mktemp("expert") / "expert.safetensors"

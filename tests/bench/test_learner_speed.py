@@ -10,11 +10,11 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
-from rled_agent.learners.td3 import Learner, LearnerConfig
+from rled_agent.learners.td3 import TD3Config, TD3Learner
 from rled_agent.nn.architecture import Architecture
 from rled_agent.nn.perceptron import Perceptron
-from rled_agent.replay.uniform import Replay
-from rled_agent.uncertainty.monte_carlo import MonteCarlo
+from rled_agent.replay.uniform import UniformReplay
+from rled_agent.uncertainty.uncertainty import MonteCarloDropout
 from torch import nn
 
 OBSERVATION, ACTION, BATCH, HIDDEN = 10, 7, 100, (400, 300)
@@ -52,16 +52,16 @@ def ratio(seen, over, under):
 
 def filled(replay):
     replay.rows[:10_000] = np.random.default_rng(0).normal(size=(10_000, replay.rows.shape[1]))
-    replay.rows[:10_000, OBSERVATION + ACTION + 1] = 0
+    replay.rows[:10_000, OBSERVATION + ACTION + 1] = 0.99
     replay.added = 10_000
     return replay
 
 
 def ours():
     generator = torch.Generator().manual_seed(0)
-    learner = Learner(OBSERVATION, ACTION, LearnerConfig(), generator)
-    replay = filled(Replay(OBSERVATION, ACTION, 10_000))
-    return lambda: learner.update(replay.sample(BATCH, generator))
+    learner = TD3Learner(OBSERVATION, ACTION, TD3Config(), generator)
+    replay = filled(UniformReplay(OBSERVATION, ACTION, 10_000, generator))
+    return lambda: learner.update(replay.sample(BATCH))
 
 
 def eager():
@@ -78,18 +78,17 @@ def eager():
     target_actor, target_critics = copy.deepcopy(actor), copy.deepcopy(critics)
     adam = partial(torch.optim.Adam, fused=True)  # as the learner has it
     actor_adam, critic_adam = adam(actor.parameters()), adam(critics.parameters())
-    replay = filled(Replay(OBSERVATION, ACTION, 10_000))
-    generator, count = torch.Generator().manual_seed(0), 0
+    replay, count = filled(UniformReplay(OBSERVATION, ACTION, 10_000, torch.Generator().manual_seed(0))), 0
 
     def update():
         nonlocal count
-        batch = replay.sample(BATCH, generator)
+        batch = replay.sample(BATCH)
         with torch.no_grad():
             noise = (torch.randn_like(batch.action) * 0.2).clamp(-0.5, 0.5)
             action = (target_actor(batch.next_observation) + noise).clamp(-1, 1)
             after = torch.cat((batch.next_observation, action), 1)
             value = torch.min(target_critics[0](after), target_critics[1](after))
-            target = batch.reward + 0.99 * (1 - batch.terminated) * value
+            target = batch.reward + batch.discount * value
         here = torch.cat((batch.observation, batch.action), 1)
         loss = sum(nn.functional.mse_loss(critic(here), target) for critic in critics)
         critic_adam.zero_grad()
@@ -188,7 +187,7 @@ def test_the_learner_outpaces_stable_baselines_and_nears_the_matrix_products(fig
 def test_the_gate_costs_little_more_than_one_forward_pass(figure):
     generator = torch.Generator().manual_seed(0)
     actor = Perceptron(OBSERVATION, ACTION, Architecture(HIDDEN, dropout=0.1), generator, squash=True)
-    gate = MonteCarlo(actor, 30, np.random.default_rng(0))
+    gate = MonteCarloDropout(actor, 30, np.random.default_rng(0))
     rows, row = torch.randn(30, OBSERVATION), np.zeros(OBSERVATION, dtype=np.float32)
     forward = torch.inference_mode()(lambda: actor(rows))
     seen = rates({"forward": forward, "gate": lambda: gate(row)}, steps=1_000)

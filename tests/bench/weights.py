@@ -6,8 +6,8 @@ import numpy as np
 import torch
 from rled_agent.nn.architecture import Architecture
 from rled_agent.nn.perceptron import Perceptron
-from rled_agent.nn.scaling import scaling_of_bounds
 from rled_agent.nn.policy import Policy
+from rled_agent.nn.scaling import scaling_of_bounds
 from rled_sim.robots import ROBOTS
 from rled_sim.tasks import reach_task
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from rled_agent.data.demonstrations import open_demonstrations
+from rled_agent.data.opening import open_demonstrations
 from rled_msgs_py.bags import Bag, BagWriter, review
 from rled_msgs_py.bags.header import moved, sim_stamp
 from rled_msgs_py.bags.stream import Message

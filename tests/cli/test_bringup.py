@@ -13,12 +13,12 @@ from rled_msgs_py.bags import BagError, BagWriter
 from rled_msgs_py.params import build, parameters_of
 from rled_sim.nodes.sim_node import SimParams
 from rled_sim.robots import ROBOTS
-from rled_teleop.recording.params import RecordParams
 from rled_teleop.nodes.replay_demos import ReplayParams
 from rled_teleop.nodes.teleop_gamepad import GamepadParams
 from rled_teleop.nodes.teleop_keyboard import KeyboardParams
 from rled_teleop.nodes.teleop_kinesthetic import KinestheticParams
 from rled_teleop.nodes.teleop_scripted import ScriptedParams
+from rled_teleop.recording.params import RecordParams
 from rled_teleop.web.params import WebParams
 
 BRINGUP = Path(__file__).parents[2] / "ros_ws" / "src" / "rled_bringup"

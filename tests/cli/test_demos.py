@@ -16,8 +16,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
-from rled_agent.data.demonstrations import DemonstrationError, open_demonstrations
+from rled_agent.data.demonstrations import DemonstrationError
 from rled_agent.data.episode_filter import SelectionError
+from rled_agent.data.opening import open_demonstrations
 from rled_msgs_py.bags import Bag, BagError, BagWriter, repair, review
 from rled_msgs_py.processes import program
 from rled_msgs_py.records import Text

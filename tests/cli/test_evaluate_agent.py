@@ -8,16 +8,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rled_agent.training.evaluation import Score
+from rled_agent.cli import evaluate_agent
 from rled_agent.nn.architecture import Architecture
 from rled_agent.nn.policy import Policy, load_policy
+from rled_agent.training.evaluation import Score
 from rled_sim.robots import ROBOTS
 from rled_sim.tasks import reach_task
 
-from rled_agent.cli import evaluate_agent
-
-BANDS = ["seen", "2-5 cm away", "5-10 cm away"]
-QUICK = ["--bands", "0.02", "0.05", "0.1", "--targets", "30", "--steps", "60"]
+BINS = ["seen", "2-5 cm away", "5-10 cm away"]
+QUICK = ["--bins", "0.02", "0.05", "0.1", "--targets", "30", "--steps", "60"]
 
 
 @pytest.fixture
@@ -60,30 +59,32 @@ def idle(planar_expert: Path, tmp_path: Path) -> Path:
 def test_expert_and_agent_stand_side_by_side(evaluate, planar_expert, idle, capsys) -> None:
     output = evaluate("--expert", planar_expert, "--agent", idle)
     results = json.loads((output / "evaluation.json").read_text(), parse_constant=lambda text: pytest.fail(text))
-    assert list(results) == BANDS
-    for band in results.values():
-        assert list(band) == ["expert", "agent"]
-        for score in band.values():
+    assert list(results) == BINS
+    for group in results.values():
+        assert list(group) == ["expert", "agent"]
+        for score in group.values():
             assert tuple(score) == Score._fields
-        assert band["expert"]["success"] > band["agent"]["success"]
-        assert 1.0 <= band["expert"]["path_length"] < 2.0
-        assert 1.0 <= band["expert"]["steps"] <= 60.0
-        assert band["expert"]["jerk"] > band["agent"]["jerk"]
+        assert group["expert"]["success"] > group["agent"]["success"]
+        assert 1.0 <= group["expert"]["path_length"] < 2.0
+        assert 1.0 <= group["expert"]["steps"] <= 60.0
+        assert group["expert"]["jerk"] > group["agent"]["jerk"]
     assert results["seen"]["expert"]["success"] > 0.9
     pictures = {each.name for each in output.glob("*.png")}
     assert pictures == {"paths_seen.png", "paths_2-5_cm_away.png", "paths_5-10_cm_away.png"}
     assert all((output / name).read_bytes()[:4] == b"\x89PNG" for name in pictures)
     head, *lines, last = capsys.readouterr().out.splitlines()
     assert head.split() == ["targets", "policy", "success", "steps", "path/straight", "jerk", "m/s3", "violations"]
-    for line, (band, name) in zip(lines, [(band, name) for band in BANDS for name in ("expert", "agent")], strict=True):
-        assert line.startswith(band)
+    for line, (group, name) in zip(
+        lines, [(group, name) for group in BINS for name in ("expert", "agent")], strict=True
+    ):
+        assert line.startswith(group)
         assert line[16:].split()[0] == name
-        figures = [math.nan if value is None else value for value in results[band][name].values()]
+        figures = [math.nan if value is None else value for value in results[group][name].values()]
         np.testing.assert_allclose([float(figure) for figure in line[24:].split()], figures, rtol=1e-2)
     assert last == f"wrote {output}"
 
 
-def test_whole_episodes_stand_below_the_bands(evaluate, planar_expert, idle, capsys) -> None:
+def test_whole_episodes_stand_below_the_bins(evaluate, planar_expert, idle, capsys) -> None:
     output = evaluate("--expert", planar_expert, "--agent", idle, "--episodes", 8)
     results = json.loads((output / "episodes.json").read_text())
     assert results["expert"]["targets_reached"] == 1.0
@@ -148,15 +149,15 @@ def test_weights_of_another_robot_are_refused(refused, planar_expert, tmp_path) 
 @pytest.mark.parametrize(
     ("options", "what"),
     [
-        (["--bands", "0.1", "0.05"], "bands (0.1, 0.05); accepted: two or more growing distances"),
-        (["--bands", "0.1"], "bands (0.1,); accepted: two or more growing distances"),
+        (["--bins", "0.1", "0.05"], "bins (0.1, 0.05); accepted: two or more growing distances"),
+        (["--bins", "0.1"], "bins (0.1,); accepted: two or more growing distances"),
         (["--targets", "0"], "targets is 0; accepted: 1 to "),
         (["--steps", "0"], "steps is 0; accepted: 1 to "),
         (["--seed", "-1"], "seed is -1; accepted: 0 to "),
         (["--episodes", "-1"], "episodes is -1; accepted: 0 to "),
         (["--faults.control-delay", "2"], "there are faults, and no episodes to have them in; give --episodes"),
         (["--episodes", "1", "--faults.hidden", "nose"], "hidden is 'nose'; accepted: "),
-        (["--bands", "3", "3.00001", "--targets", "1"], "only 0 reachable targets 300-300.001 cm away; accepted: 1"),
+        (["--bins", "3", "3.00001", "--targets", "1"], "only 0 reachable targets 300-300.001 cm away; accepted: 1"),
         (["--bag", "/nowhere/bag"], "/nowhere/bag does not exist"),
         (["--agent", "/nowhere/policy"], "there is no /nowhere/policy"),
     ],

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rled_agent.data.demonstrations import open_demonstrations
+from rled_agent.data.opening import open_demonstrations
 from rled_msgs_py.bags import Bag, BagWriter, review
 from rled_msgs_py.records import DeltaCommand, JointSample
 from rled_teleop.cli import demos
@@ -153,7 +153,7 @@ def test_a_mark_that_is_not_known_is_left_out(tmp_path):
             (topics.MARKED_JOINT_STATES, JointSample(k * PERIOD, NAMES, q, np.zeros(2))),
             (topics.MARKED_EE_POSE, PoseSample(k * PERIOD, "world", np.zeros(3))),
         ]
-    from rled_agent.data.demonstrations import demonstration_points
+    from rled_agent.data.closed_form import demonstration_points
 
     path = write(tmp_path / "bag", [*marks, *(entry for k in range(5, 50) for entry in tick(k))])
     np.testing.assert_allclose(demonstration_points(Bag(path)).joints[:, 0], [0.0, 0.1, 0.3, 0.4])

@@ -9,12 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rled_agent.data.demonstrations import joined_points
+from rled_agent.cli import train_expert
+from rled_agent.data.closed_form import joined_points
 from rled_agent.nn.policy import load_policy
 from rled_msgs_py.bags import Bag
 from rled_msgs_py.processes import program
-
-from rled_agent.cli import train_expert
 
 QUICK = ["--steps", "60", "--validate-every", "20", "--architecture.hidden", "16", "16", "--batch-size", "32"]
 FILES = {"expert.safetensors", "curve.csv", "learning_curve.png", "summary.json"}

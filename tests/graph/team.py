@@ -13,12 +13,11 @@ import numpy as np
 import torch
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rled_agent.data.demonstrations import open_demonstrations
-from rled_agent.learners.cloning import ExpertConfig, clone_expert
+from rled_agent.data.opening import open_demonstrations
+from rled_agent.learners.cloning import CloningConfig, clone_expert
 from rled_agent.nn.architecture import Architecture
 from rled_agent.nn.perceptron import Perceptron
 from rled_agent.nn.policy import Policy, load_policy
-from rled_msgs_py.ros.node import fresh_context, spin_until, subscribe
 from rled_msgs_py.processes import program
 from rled_msgs_py.records import Health, JointSample
 from rled_msgs_py.ros.node import fresh_context, spin_until, subscribe
@@ -34,7 +33,7 @@ AGENT = "agent_node: policy"
 def expert_of(bag: Path, folder: Path) -> Path:
     """Weights of a small expert cloned from a bag."""
     torch.set_num_threads(1)
-    config = ExpertConfig(Architecture(hidden=(48, 48)), steps=1500)
+    config = CloningConfig(Architecture(hidden=(48, 48)), steps=1500)
     policy, _ = clone_expert(open_demonstrations(bag, "points"), config, np.random.default_rng(0), lambda point: None)
     policy.save(folder / "expert.safetensors")
     return folder / "expert.safetensors"

@@ -7,10 +7,9 @@ from typing import Any
 
 import pytest
 from rclpy.parameter import Parameter
+from rled_agent.nn.policy import GateSettings, Origin, load_policy
 from rled_agent.nodes.agent_node import AgentNode
 from rled_agent.nodes.agent_params import AgentParams
-from rled_agent.nn.policy import load_policy
-from rled_agent.uncertainty.monte_carlo import GateSettings
 from rled_msgs_py.errors import ContractError
 from rled_msgs_py.ros.node import fresh_context
 
@@ -28,7 +27,7 @@ def node(planar_expert: Path, tmp_path: Path) -> Iterator[Callable[..., AgentNod
 
     def make(gate: GateSettings | None = TRAINED, **given: Any) -> AgentNode:
         path = actor_like(planar_expert, tmp_path / f"actor-{len(made)}.safetensors")
-        replace(load_policy(path), gate=gate).save(path)
+        replace(load_policy(path), origin=Origin("mc_rled", gate)).save(path)
         given = {"expert": str(planar_expert), "agent": str(path)} | given
         overrides = [Parameter(name, value=value) for name, value in given.items()]
         made.append(AgentNode(parameter_overrides=overrides, context=context))
@@ -96,6 +95,19 @@ def test_a_running_node_refuses_what_compares_nothing(node, name, value) -> None
     made = node()
     assert not made.set_parameters([Parameter(name, value=value)])[0].successful
     assert shown(made) == used(made) == TRAINED
+
+
+def test_a_running_node_without_an_expert_refuses_phi(node) -> None:
+    made = node(expert="")
+    (answer,) = made.set_parameters([Parameter("phi", value=0.5)])
+    assert not answer.successful
+    assert "phi is 0.5 without an expert; accepted: 0" in answer.reason
+    assert made.get_parameter("phi").value == made._params.phi == 0.0
+
+
+def test_a_node_that_starts_says_nothing_of_faults(node, capfd) -> None:
+    node()
+    assert "Error" not in capfd.readouterr().err
 
 
 @pytest.mark.parametrize("given", [{"threshold": -0.5}, {"passes": 1}])

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
-from rled_agent.training.checkpoint import read_checkpoint
 from rled_agent.nn.policy import load_policy
+from rled_agent.training.checkpoint import read_checkpoint
 from rled_msgs_py.processes import program
 from rled_msgs_py.records import Actor, GateCode, Level
 from std_srvs.srv import SetBool, Trigger
@@ -103,7 +103,7 @@ def test_the_agent_learns_in_a_process_of_its_own(gated, agent, folder) -> None:
     assert report.level is Level.OK
     assert gated.call(SetBool, "agent_node/learn", data=False).success
     gated.wait(state.exists, "the state of learning")
-    assert read_checkpoint(state).state["added"] > 500
+    assert read_checkpoint(state).state["replay.added"] > 500
     assert gated.call(Trigger, "agent_node/save").success
     learned = load_policy(state.with_name("policy.safetensors")).network.vector()
     assert not (learned == load_policy(agent).network.vector()).all()

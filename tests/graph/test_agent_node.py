@@ -10,16 +10,15 @@ import pytest
 import torch
 from rled_agent.nn.architecture import Architecture
 from rled_agent.nn.perceptron import Perceptron
-from rled_agent.nn.scaling import scaling_of_bounds
 from rled_agent.nn.policy import Policy, load_policy
+from rled_agent.nn.scaling import scaling_of_bounds
+from rled_agent.nodes import agent_node
 from rled_msgs_py.processes import program
 from rled_msgs_py.records import Actor, Level
 from rled_msgs_py.tick import Tick
 from rled_sim.robots import ROBOTS
 from rled_sim.tasks import reach_task
 from std_srvs.srv import SetBool
-
-from rled_agent.nodes import agent_node
 
 NAME = "agent_node: policy"
 

@@ -204,7 +204,7 @@ def progress(folder: Path) -> tuple[int, int]:
     """Transitions and gradient steps in a saved state."""
     path = folder / "learning.safetensors"
     state = read_checkpoint(path).state if path.exists() else {"added": 0, "updates": 0}
-    return state["added"], state["updates"]
+    return state["replay.added"], state["learner.updates"]
 
 
 def test_a_dead_learning_process_is_missed_and_started_again(observer, learner) -> None:

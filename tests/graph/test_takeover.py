@@ -7,11 +7,8 @@ import numpy as np
 import pytest
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
-from rled_agent.training.checkpoint import read_checkpoint
-from rled_agent.deploy.learner_process import PERSON_ROWS
 from rled_agent.nn.policy import load_policy
-from rled_msgs_py.ros.convert import to_msg
-from rled_msgs_py.ros.node import advertise
+from rled_agent.training.checkpoint import read_checkpoint
 from rled_msgs_py.processes import program
 from rled_msgs_py.records import Actor, DeltaCommand, GateCode, GateDecision, Level, Text
 from rled_msgs_py.ros.convert import to_msg
@@ -112,7 +109,7 @@ def test_what_a_person_did_is_marked_for_the_learner(graph, say, state) -> None:
     await_decision(graph, lambda each: each.actor is Actor.AGENT, "the agent's turn")
     assert graph.call(SetBool, "agent_node/learn", data=False).success
     graph.wait(state.exists, "the state of learning")
-    rows = read_checkpoint(state).tensors[PERSON_ROWS].numpy()
+    rows = read_checkpoint(state).tensors["by_person.rows"].numpy()
     assert 28 <= len(rows) <= 30  # a transition that ends an episode's turn over is not one
     policy = load_policy(state.with_name("actor.safetensors"))
     actions = policy.scaling.denormalize_action(rows[:, 4:6])

@@ -6,11 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from rled_agent.data.demonstrations import DemonstrationPoints, JoinedPoints, joined_points
+from rled_agent.data.closed_form import JoinedPoints, joined_points
+from rled_agent.data.demonstrations import DemonstrationPoints
 from rled_agent.nn.architecture import Architecture
 from rled_agent.nn.perceptron import Perceptron
-from rled_agent.nn.scaling import scaling_of_bounds
 from rled_agent.nn.policy import Policy
+from rled_agent.nn.scaling import scaling_of_bounds
 from rled_msgs_py.bags import Bag
 from rled_msgs_py.task import TaskDescription
 from rled_sim.robots import ROBOTS

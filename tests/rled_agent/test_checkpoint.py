@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from rled_agent.training.checkpoint import Checkpoint, CheckpointError, read_checkpoint, write_checkpoint
+from rled_agent.nn.tensor_file import TensorFileError
+from rled_agent.training.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
 from safetensors.torch import save_file
 
 TENSORS = {
@@ -45,9 +46,9 @@ def test_parts_of_larger_tensors_are_written_alone(tmp_path):
 
 
 def test_a_missing_checkpoint_is_refused(tmp_path):
-    with pytest.raises(CheckpointError, match=r"there is no .*gone; accepted: a rled-checkpoint file"):
+    with pytest.raises(TensorFileError, match=r"there is no .*gone; accepted: a rled-checkpoint file"):
         read_checkpoint(tmp_path / "gone")
-    with pytest.raises(CheckpointError, match="there is no"):
+    with pytest.raises(TensorFileError, match="there is no"):
         read_checkpoint(tmp_path)
 
 
@@ -55,7 +56,7 @@ def test_a_truncated_checkpoint_is_refused_wherever_it_is_cut(path):
     whole = path.read_bytes()
     for length in (0, 1, 8, 100, len(whole) // 2, len(whole) - 1):
         path.write_bytes(whole[:length])
-        with pytest.raises(CheckpointError, match="damaged") as caught:
+        with pytest.raises(TensorFileError, match="damaged") as caught:
             read_checkpoint(path)
         assert "\n" not in str(caught.value)
 
@@ -63,23 +64,23 @@ def test_a_truncated_checkpoint_is_refused_wherever_it_is_cut(path):
 def test_a_checkpoint_with_a_changed_header_is_refused(path):
     whole = path.read_bytes()
     path.write_bytes(whole[:20] + b"\xff" + whole[21:])
-    with pytest.raises(CheckpointError, match="damaged"):
+    with pytest.raises(TensorFileError, match="damaged"):
         read_checkpoint(path)
 
 
 @pytest.mark.parametrize(
     ("header", "what"),
     [
-        (None, "is of no format; accepted: rled-checkpoint 3"),
-        ({"format": "rled-policy", "version": "1"}, "is rled-policy 1; accepted: rled-checkpoint 3"),
-        ({"format": "rled-checkpoint", "version": "1"}, "is rled-checkpoint 1; accepted: rled-checkpoint 3"),
-        ({"format": "rled-checkpoint", "version": "3"}, "damaged"),
-        ({"format": "rled-checkpoint", "version": "3", "state": "{"}, "damaged"),
+        (None, "is of no format; accepted: rled-checkpoint 4"),
+        ({"format": "rled-policy", "version": "1"}, "is rled-policy 1; accepted: rled-checkpoint 4"),
+        ({"format": "rled-checkpoint", "version": "1"}, "is rled-checkpoint 1; accepted: rled-checkpoint 4"),
+        ({"format": "rled-checkpoint", "version": "4"}, "damaged"),
+        ({"format": "rled-checkpoint", "version": "4", "state": "{"}, "damaged"),
     ],
 )
 def test_other_headers_are_refused(tmp_path, header, what):
     save_file(TENSORS, tmp_path / "c.safetensors", header)
-    with pytest.raises(CheckpointError, match=what):
+    with pytest.raises(TensorFileError, match=what):
         read_checkpoint(tmp_path / "c.safetensors")
 
 
@@ -96,7 +97,7 @@ class Trap:
 def test_a_pickle_is_refused_and_not_executed(tmp_path, monkeypatch, write):
     monkeypatch.chdir(tmp_path)
     write(Path("c.safetensors"))
-    with pytest.raises(CheckpointError, match="damaged"):
+    with pytest.raises(TensorFileError, match="damaged"):
         read_checkpoint(Path("c.safetensors"))
     assert not Path("unpickled").exists()
 

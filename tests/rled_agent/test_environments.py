@@ -1,29 +1,30 @@
 import gymnasium
 import numpy as np
 import pytest
+from rled_agent.methods.td3 import TD3
 from rled_agent.training.config import TrainConfig
 from rled_agent.training.environments import (
     bounds,
     check_spaces,
     environment_of,
+    is_repeatable,
     make_environment,
     require_robot_of,
     task_of,
 )
 from rled_agent.training.rollout import roll_out
-from rled_msgs_py.bags import Bag
 from rled_msgs_py.errors import RledError
 from rled_sim.robots import ROBOTS
 
 
 def make(name: str, reward: str = "own", starts: np.ndarray | None = None) -> gymnasium.Env:
-    return make_environment(TrainConfig(env=name, reward=reward), starts)
+    return make_environment(TrainConfig(TD3(), env=name, reward=reward), starts)
 
 
 @pytest.mark.parametrize(
     ("name", "reward", "what"),
     [
-        ("CartPole-v1", "own", r"the action space is Discrete\(2\); accepted: a Box of one dimension"),
+        ("CartPole-v1", "own", r"td3 cannot serve the action space Discrete\(2\); accepted: a Box of one dimension"),
         ("NoSuch-v0", "own", "env 'NoSuch-v0'.*accepted: an id that Gymnasium knows"),
         ("nosuchmodule:Env-v0", "own", "env 'nosuchmodule:Env-v0': No module named 'nosuchmodule'"),
         ("", "own", "env ''"),
@@ -52,8 +53,8 @@ def test_observations_that_are_no_vector_are_refused():
         action_space = gymnasium.spaces.Box(-1, 1, (2,))
         observation_space = gymnasium.spaces.Box(0, 1, (8, 8))
 
-    with pytest.raises(RledError, match="the observation space is Box"):
-        check_spaces(Pictures())
+    with pytest.raises(RledError, match="ddpg cannot serve the observation space Box"):
+        check_spaces(Pictures(), "ddpg")
 
 
 @pytest.mark.parametrize("reward", ["dense", "sparse"])
@@ -67,7 +68,7 @@ def test_reward_and_starts_reach_the_environment(reward):
 
 
 def test_the_spread_of_targets_reaches_the_environment():
-    wide, narrow = (make_environment(TrainConfig(target_spread=spread), None) for spread in (0.1, 0.0))
+    wide, narrow = (make_environment(TrainConfig(TD3(), target_spread=spread), None) for spread in (0.1, 0.0))
     curve = narrow.unwrapped.simulation.task.targets
     for env, beside in ((wide, True), (narrow, False)):
         env.reset(seed=0)
@@ -80,6 +81,14 @@ def test_foreign_environments_have_no_task():
     assert task_of(env) is None
     low, high = bounds(env.action_space)
     assert (low.tolist(), high.tolist()) == ([-2.0], [2.0])
+
+
+@pytest.mark.parametrize(
+    ("said", "found"), [({}, True), ({"is_repeatable": True}, True), ({"is_repeatable": False}, False)]
+)
+def test_an_environment_is_repeatable_unless_it_says_otherwise(said, found):
+    env = gymnasium.wrappers.TimeLimit(type("Env", (Countdown,), said)(), 5)
+    assert is_repeatable(env) is found
 
 
 class Countdown(gymnasium.Env):
@@ -112,11 +121,10 @@ def test_the_environment_of_a_robot_is_one_of_this_projects_whatever_it_is_calle
         assert len(str(caught.value)) < 300
 
 
-def test_demonstrations_of_another_robot_name_the_environment_that_fits(planar_bag):
-    bag = Bag(planar_bag)
-    require_robot_of(bag, "rled/PlanarReach-v0")
-    require_robot_of(bag, "Pendulum-v1")  # somebody else's environment says itself that it takes no bag
-    with pytest.raises(
-        RledError, match=r"is of robot planar, env rled/PandaReach-v0 of panda; .*--env rled/PlanarReac"
-    ):
-        require_robot_of(bag, "rled/PandaReach-v0")
+def test_demonstrations_of_another_robot_name_the_environment_that_fits(task):
+    require_robot_of(task, "rled/PlanarReach-v0", "the bag")
+    require_robot_of(task, "Pendulum-v1", "the bag")  # somebody else's environment says itself that it takes no bag
+    with pytest.raises(RledError) as caught:
+        require_robot_of(task, "rled/PandaReach-v0", "the bag")
+    said = "the bag is of robot planar, env rled/PandaReach-v0 of panda; accepted: a bag of panda"
+    assert str(caught.value) == f"{said}; or --env rled/PlanarReach-v0"

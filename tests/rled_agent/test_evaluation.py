@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from rled_agent.data.demonstrations import DemonstrationPoints
-from rled_agent.training.evaluation import Band, Motion, jerk, move, score, seen_band, unseen_band
+from rled_agent.training.evaluation import DistanceBin, Trajectory, jerk, move, score, seen_bin, unseen_bin
 from rled_msgs_py.errors import RledError
 from rled_sim.robots import ROBOTS
 from rled_sim.tasks import planar_risk, reach_task
@@ -29,9 +29,9 @@ def test_jerk_is_a_root_mean_square_over_time():
     )
 
 
-def motion(points, reached=True) -> Motion:
+def motion(points, reached=True) -> Trajectory:
     positions = np.array(points, dtype=float)
-    return Motion(reached, positions, np.tile(SAFE, (len(positions), 1)), np.zeros(3))
+    return Trajectory(reached, positions, np.tile(SAFE, (len(positions), 1)), np.zeros(3))
 
 
 def test_score_is_the_one_worked_out_by_hand(task):
@@ -71,8 +71,8 @@ def test_motions_end_where_the_target_is_reached(task):
     goals = np.array([[-0.1, 1.0], [-0.5, 2.2]])  # 4 and 12 steps of 0.1 rad away
     state, act = towards(task, goals)
     state["q"] = starts.copy()
-    band = Band("two", starts, CHAIN.position(goals))
-    motions = move(task, CHAIN, act, band, 50)
+    group = DistanceBin("two", starts, CHAIN.position(goals))
+    motions = move(task, CHAIN, act, group, 50)
     for each, start, goal, steps in zip(motions, starts, goals, (4, 12), strict=True):
         # a target counts when it is nearer than 3.16 cm, which may be a step before the goal itself
         walked = np.linspace(start, goal, steps + 1)
@@ -85,8 +85,8 @@ def test_motions_end_where_the_target_is_reached(task):
 
 
 def test_displacements_and_joints_stay_within_their_limits(task):
-    band = Band("one", SAFE[None], np.array([[9.0, 9.0, 9.0]]))
-    (lost,) = move(task, CHAIN, lambda observation: np.array([[0.0, 5.0]]), band, 40)
+    group = DistanceBin("one", SAFE[None], np.array([[9.0, 9.0, 9.0]]))
+    (lost,) = move(task, CHAIN, lambda observation: np.array([[0.0, 5.0]]), group, 40)
     assert not lost.reached
     assert np.abs(np.diff(lost.joints, axis=0)).max() <= task.max_delta + 1e-12
     assert lost.joints[-1, 1] == task.joint_upper[1]
@@ -94,9 +94,9 @@ def test_displacements_and_joints_stay_within_their_limits(task):
 
 
 def test_standing_on_the_target_counts_after_the_first_step_only(task):
-    band = Band("there", SAFE[None], CHAIN.position(SAFE)[None])
-    (stays,) = move(task, CHAIN, lambda observation: np.zeros((1, 2)), band, 10)
-    (leaves,) = move(task, CHAIN, lambda observation: np.array([[0.1, 0.0]]), band, 10)
+    group = DistanceBin("there", SAFE[None], CHAIN.position(SAFE)[None])
+    (stays,) = move(task, CHAIN, lambda observation: np.zeros((1, 2)), group, 10)
+    (leaves,) = move(task, CHAIN, lambda observation: np.array([[0.1, 0.0]]), group, 10)
     assert stays.reached
     assert len(stays.positions) == 2
     assert not leaves.reached
@@ -108,37 +108,37 @@ def test_a_target_reached_with_the_last_step_counts(task):
     task = replace(task, tolerance=1e-6)
     state, act = towards(task, goal)
     state["q"] = SAFE[None].copy()
-    (just,) = move(task, CHAIN, act, Band("last", SAFE[None], CHAIN.position(goal)[None]), 3)
+    (just,) = move(task, CHAIN, act, DistanceBin("last", SAFE[None], CHAIN.position(goal)[None]), 3)
     assert just.reached
     assert len(just.positions) == 4
 
 
-def test_the_seen_band_is_made_of_demonstrated_points(zeta):
-    band = seen_band(zeta.points, 200, np.random.default_rng(0))
+def test_the_seen_bin_is_made_of_demonstrated_points(zeta):
+    group = seen_bin(zeta.points, 200, np.random.default_rng(0))
     points, joints = ({tuple(row) for row in rows.tolist()} for rows in (zeta.points.positions, zeta.points.joints))
-    assert {tuple(row) for row in band.targets.tolist()} == points
-    assert {tuple(row) for row in band.starts.tolist()} == joints
+    assert {tuple(row) for row in group.targets.tolist()} == points
+    assert {tuple(row) for row in group.starts.tolist()} == joints
 
 
 @pytest.mark.parametrize("distances", [(0.02, 0.05), (0.05, 0.1)])
-def test_targets_of_an_unseen_band_keep_their_distance(zeta, distances):
-    band = unseen_band(zeta.task, CHAIN, zeta.points, distances, 60, np.random.default_rng(0))
-    nearest = [min(np.linalg.norm(target - point) for point in zeta.points.positions) for target in band.targets]
+def test_targets_of_an_unseen_bin_keep_their_distance(zeta, distances):
+    group = unseen_bin(zeta.task, CHAIN, zeta.points, distances, 60, np.random.default_rng(0))
+    nearest = [min(np.linalg.norm(target - point) for point in zeta.points.positions) for target in group.targets]
     assert distances[0] <= min(nearest) < sum(distances) / 2 < max(nearest) <= distances[1]
-    assert band.targets.shape == (60, 3)
-    assert {tuple(row) for row in band.starts.tolist()} <= {tuple(row) for row in zeta.points.joints.tolist()}
-    np.testing.assert_array_equal(band.targets[:, 2], zeta.points.positions[0, 2])
-    assert band.name == f"{distances[0] * 100:g}-{distances[1] * 100:g} cm away"
+    assert group.targets.shape == (60, 3)
+    assert {tuple(row) for row in group.starts.tolist()} <= {tuple(row) for row in zeta.points.joints.tolist()}
+    np.testing.assert_array_equal(group.targets[:, 2], zeta.points.positions[0, 2])
+    assert group.name == f"{distances[0] * 100:g}-{distances[1] * 100:g} cm away"
 
 
-def test_a_band_without_enough_targets_is_refused(zeta):
+def test_a_bin_without_enough_targets_is_refused(zeta):
     with pytest.raises(RledError, match=r"only 0 reachable targets 300-300 cm away; accepted: 3"):
-        unseen_band(zeta.task, CHAIN, zeta.points, (3.0, 3.0), 3, np.random.default_rng(0))
+        unseen_bin(zeta.task, CHAIN, zeta.points, (3.0, 3.0), 3, np.random.default_rng(0))
 
 
 def test_targets_out_of_reach_are_left_out(zeta):
-    band = unseen_band(zeta.task, CHAIN, zeta.points, (0.1, 0.25), 10, np.random.default_rng(1))
-    assert np.linalg.norm(band.targets[:, :2], axis=1).max() <= 1.0  # the two links are 0.5 m each
+    group = unseen_bin(zeta.task, CHAIN, zeta.points, (0.1, 0.25), 10, np.random.default_rng(1))
+    assert np.linalg.norm(group.targets[:, :2], axis=1).max() <= 1.0  # the two links are 0.5 m each
 
 
 def test_bands_of_the_panda_lie_around_its_curve():
@@ -146,14 +146,14 @@ def test_bands_of_the_panda_lie_around_its_curve():
     task = reach_task(robot).description
     joints = np.array(robot.home) + np.random.default_rng(0).uniform(-0.1, 0.1, (5, 7))
     points = DemonstrationPoints(robot.chain.position(joints), joints)
-    band = unseen_band(task, robot.chain, points, (0.02, 0.05), 10, np.random.default_rng(0))
-    nearest = [min(np.linalg.norm(target - point) for point in points.positions) for target in band.targets]
+    group = unseen_bin(task, robot.chain, points, (0.02, 0.05), 10, np.random.default_rng(0))
+    nearest = [min(np.linalg.norm(target - point) for point in points.positions) for target in group.targets]
     assert 0.02 <= min(nearest) <= max(nearest) <= 0.05
 
 
-def test_same_seed_gives_the_same_band(zeta):
+def test_same_seed_gives_the_same_bin(zeta):
     one, same = (
-        unseen_band(zeta.task, CHAIN, zeta.points, (0.02, 0.05), 20, np.random.default_rng(3)) for _ in range(2)
+        unseen_bin(zeta.task, CHAIN, zeta.points, (0.02, 0.05), 20, np.random.default_rng(3)) for _ in range(2)
     )
     np.testing.assert_array_equal(one.targets, same.targets)
     np.testing.assert_array_equal(one.starts, same.starts)

@@ -41,11 +41,11 @@ seeds = 2
 
 [variants.a]
 label = "A"
-options = ["--behaviour.phi", "0"]
+options = ["--phi", "0"]
 
 [variants.b]
 label = "B"
-command = ["train_peer"]
+command = ["train_baseline"]
 """
 VIEW = """
 title = "The same, seen otherwise"
@@ -72,9 +72,9 @@ def test_an_experiment_has_a_run_for_each_variant_and_seed(library):
     first, peer = runs[2], runs[3]
     assert first.arguments(Path("out")) == [
         *("train_agent", "--expert", "out/base/plain/seed-1/expert.safetensors"),
-        *("--behaviour.phi", "0", "--seed", "1", "--output", "out/upon/a/seed-1"),
+        *("--phi", "0", "--seed", "1", "--output", "out/upon/a/seed-1"),
     ]
-    assert peer.command == ("train_peer", "--seed", "1")
+    assert peer.command == ("train_baseline", "--seed", "1")
 
 
 def test_what_runs_need_comes_with_them(library):
@@ -366,13 +366,13 @@ def test_experts_of_several_variants_are_told_apart(tmp_path):
         return a_run(evaluation=bands)
 
     few, many = {"few": [evaluated(0.25)]}, {"many": [evaluated(1.0)]}
-    rows = table(Drawing("bands"), few | many).splitlines()[2:]
+    rows = table(Drawing("bins"), few | many).splitlines()[2:]
     assert rows[0] == "| seen | few, expert | 0.25 (0.25 to 0.25) | 4 (4 to 4) | none | 100 (100 to 100) | 1 |"
     assert [row.split(" | ")[:2] for row in rows[1:5]] == [
         *(["| seen", "few"], ["| seen", "many, expert"], ["| seen", "many"], ["| unseen", "few, expert"]),
     ]
-    assert table(Drawing("bands"), few).splitlines()[2].startswith("| seen | expert | 0.25")
-    draw(tmp_path / "bands.png", Drawing("bands"), few | many, "Bands")
+    assert table(Drawing("bins"), few).splitlines()[2].startswith("| seen | expert | 0.25")
+    draw(tmp_path / "bands.png", Drawing("bins"), few | many, "Bands")
     assert (tmp_path / "bands.png").read_bytes()[:4] == b"\x89PNG"
 
 

@@ -10,13 +10,13 @@ import pytest
 import torch
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from rled_agent.training.checkpoint import Checkpoint, CheckpointError, read_checkpoint, write_checkpoint
+from rled_agent.methods import methods
 from rled_agent.nn.architecture import Architecture
 from rled_agent.nn.perceptron import Perceptron
 from rled_agent.nn.policy import load_policy
-from rled_agent.replay.uniform import MOST_BYTES, Replay
+from rled_agent.nn.tensor_file import TensorFileError
+from rled_agent.training.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
 from rled_agent.training.run_directory import RunDirectory
-from rled_agent.uncertainty.monte_carlo import GateSettings
 from rled_msgs_py.errors import RledError
 from safetensors import safe_open
 from safetensors.torch import load_file, save_file
@@ -73,16 +73,17 @@ def refusal(path) -> str:
         ("dropout", "much", "architecture.dropout 'much'); accepted: a finite number"),
         ("layer_norm", 1, "architecture.layer_norm 1); accepted: true or false"),
         ("activation", "tanh", "architecture.activation 'tanh'); accepted: relu, leaky_relu"),
-        ("architecture", {}, "architecture has other fields"),
+        ("width", 3, "architecture has other fields"),
     ],
 )
 def test_an_architecture_that_makes_no_network_is_refused_by_its_field(changed, make_policy, field, value, said):
     architecture = asdict(make_policy().network.architecture) | {field: value}
-    assert said in refusal(changed({"architecture": json.dumps(architecture)}))
+    networks = {"network": {"architecture": architecture, "members": 1}}
+    assert said in refusal(changed({"networks": json.dumps(networks)}))
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60)
-@given(st.sampled_from(["architecture", "task", "gate"]), JSON)
+@given(st.sampled_from(["networks", "task", "origin"]), JSON)
 def test_any_other_json_in_the_header_is_one_clear_error(changed, part, content):
     try:
         load_policy(changed({part: json.dumps(content)}))
@@ -90,13 +91,13 @@ def test_any_other_json_in_the_header_is_one_clear_error(changed, part, content)
         said = str(error)
         assert "\n" not in said
     else:
-        assert part == "gate"
-        assert content is None
+        assert part == "origin"
+        assert set(content) == {"method", "gate"}
 
 
 @pytest.mark.parametrize("text", ["[" * 100_000, "{", "", "\x00", '{"a": ' * 2000, "NaN", "1e999"])
 def test_a_header_that_is_no_json_is_refused(changed, text):
-    for part in ("architecture", "task", "gate"):
+    for part in ("networks", "task", "origin"):
         refusal(changed({part: text}))
 
 
@@ -171,17 +172,17 @@ def test_what_is_no_file_is_refused(tmp_path):
 
 @pytest.mark.parametrize("state", [[], 3, None, "state", {"added": {}}])
 def test_a_state_of_another_kind_is_refused(path, state):
-    save_file({"a": torch.zeros(1)}, path, {"format": "rled-checkpoint", "version": "3", "state": json.dumps(state)})
+    save_file({"a": torch.zeros(1)}, path, {"format": "rled-checkpoint", "version": "4", "state": json.dumps(state)})
     if isinstance(state, dict):
         assert read_checkpoint(path).state == state
     else:
-        with pytest.raises(CheckpointError, match="its state is no object"):
+        with pytest.raises(TensorFileError, match="its state is no object"):
             read_checkpoint(path)
 
 
 def test_a_checkpoint_with_a_number_that_is_not_finite_is_refused(path):
     write_checkpoint(path, Checkpoint({"actor": torch.tensor([1.0, np.nan])}, {}))
-    with pytest.raises(CheckpointError, match="holds NaN or infinity in actor"):
+    with pytest.raises(TensorFileError, match="holds NaN or infinity in actor"):
         read_checkpoint(path)
 
 
@@ -190,40 +191,53 @@ def test_a_network_is_refused_before_it_takes_memory():
         Perceptron(4, 2, Architecture(hidden=(100_000, 100_000)), torch.Generator())
 
 
-def test_a_replay_is_refused_before_it_takes_memory():
-    with pytest.raises(RledError, match=r"a replay of 1,000,000,000,000 transitions takes .* GiB; accepted: "):
-        Replay(4, 2, 10**12)
-    assert MOST_BYTES > 1 << 28
-
-
-def test_what_a_policy_was_gated_with_comes_back(path, make_policy):
-    from dataclasses import replace
-
-    gate = GateSettings("iqr", 0.25, 12)
-    replace(make_policy(), gate=gate).save(path)
-    assert load_policy(path).gate == gate
-    make_policy().save(path)
-    assert load_policy(path).gate is None
+GATE = {"measure": "qcd", "threshold": 0.1, "passes": 30, "estimator": "dropout"}
 
 
 @pytest.mark.parametrize(
-    ("gate", "said"),
+    ("origin", "said"),
     [
-        ({"measure": "qcd", "threshold": -1, "passes": 30}, "threshold is -1); accepted: 0 to 1e+12"),
-        ({"measure": "std", "threshold": 0.1, "passes": 30}, "measure 'std'); accepted: qcd, iqr"),
-        ({"measure": "qcd", "threshold": 0.1, "passes": 10**9}, "passes is 1000000000); accepted: 2 to 10000"),
-        ({"measure": "qcd", "threshold": 0.1}, "gate has other fields"),
-        ([], "gate has other fields"),
+        ({"method": 3, "gate": None}, "origin.method 3); accepted: a text"),
+        ({"method": "td3"}, "origin has other fields"),
+        ({"method": "td3", "gate": []}, "gate"),
+        ({"method": "td3", "gate": GATE | {"threshold": -1}}, "threshold is -1); accepted: 0 to 1e+12"),
+        ({"method": "td3", "gate": GATE | {"measure": 3}}, "measure 3); accepted: a text"),
+        ({"method": "td3", "gate": GATE | {"passes": 10**9}}, "passes is 1000000000); accepted: 2 to 10000"),
+        (
+            {"method": "td3", "gate": GATE | {"estimator": "dice"}},
+            "estimator 'dice'); accepted: dropout, actors, critics",
+        ),
+        ({"method": "td3", "gate": {"measure": "qcd"}}, "gate has other fields"),
     ],
 )
-def test_a_gate_that_compares_nothing_is_refused_by_its_field(changed, gate, said):
-    assert said in refusal(changed({"gate": json.dumps(gate)}))
+def test_an_origin_that_cannot_be_is_refused_by_its_field(changed, origin, said):
+    assert said in refusal(changed({"origin": json.dumps(origin)}))
+
+
+@pytest.mark.parametrize(
+    ("members", "said"),
+    [
+        (0, "members is 0); accepted: 1 to 100"),
+        (10**9, "members is 1000000000); accepted: 1 to 100"),
+        (True, "members True); accepted: a whole number"),
+        (2, "holds (1, 4, 8) F32 as network.weights.0; accepted: (2, 4, 8) F32"),
+    ],
+)
+def test_members_that_the_file_does_not_hold_are_refused(changed, make_policy, members, said):
+    shape = {"architecture": asdict(make_policy().network.architecture), "members": members}
+    assert said in refusal(changed({"networks": json.dumps({"network": shape})}))
+
+
+def test_a_critic_that_the_file_does_not_hold_is_refused(changed, make_policy):
+    shape = {"architecture": asdict(make_policy().network.architecture), "members": 1}
+    said = refusal(changed({"networks": json.dumps({"network": shape, "critic": shape})}))
+    assert "holds nothing as critic.weights.0; accepted: (1, 6, 8) F32" in said
 
 
 @pytest.mark.parametrize("text", ["[]", "{}", "null", '{"config": []}', '{"config": {"env": "os:path"}}', "{", "\xff"])
 def test_settings_beside_a_policy_are_refused_by_their_file(tmp_path, text):
     (tmp_path / "config.json").write_text(text)
     with pytest.raises(RledError) as caught:
-        RunDirectory(tmp_path).settings()
+        RunDirectory(tmp_path).settings(methods())
     assert str(tmp_path) in str(caught.value)
     assert "\n" not in str(caught.value)

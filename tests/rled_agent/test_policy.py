@@ -5,8 +5,10 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 import torch
-from rled_agent.training.checkpoint import CheckpointError
-from rled_agent.nn.policy import load_policy
+from rled_agent.nn.architecture import Architecture
+from rled_agent.nn.perceptron import Perceptron
+from rled_agent.nn.policy import GateSettings, Origin, Policy, Shape, load_policy
+from rled_agent.nn.tensor_file import TensorFileError
 from rled_msgs_py.errors import ContractError, RledError
 from rled_sim.robots import ROBOTS
 from rled_sim.tasks import reach_task
@@ -48,6 +50,36 @@ def test_a_policy_comes_back_bit_for_bit(path, make_policy, settings):
     np.testing.assert_array_equal(loaded.act(OBSERVATIONS), policy.act(OBSERVATIONS))
 
 
+def test_members_critic_and_origin_come_back(path, make_policy):
+    one, drawing = make_policy(), torch.Generator().manual_seed(5)
+    actors = Perceptron(4, 2, Architecture(hidden=(7,)), drawing, members=3, squash=True)
+    critic = Perceptron(6, 1, Architecture(hidden=(5, 4), layer_norm=True), drawing, members=2)
+    origin = Origin("mc_rled", GateSettings("std", 0.25, 12, "critics"))
+    policy = Policy(actors, one.scaling, one.task, origin, critic)
+    policy.save(path)
+    loaded = load_policy(path)
+    assert loaded.origin == origin
+    assert (loaded.network.members, loaded.critic.members) == (3, 2)
+    assert (loaded.network.squash, loaded.critic.squash) == (True, False)
+    assert loaded.critic.architecture == critic.architecture
+    pairs = torch.randn(9, 6, generator=drawing)
+    assert torch.equal(loaded.critic(pairs), critic(pairs))
+    np.testing.assert_array_equal(loaded.act(OBSERVATIONS), policy.act(OBSERVATIONS))
+    one.save(path)
+    alone = load_policy(path)
+    assert (alone.critic, alone.origin) == (None, Origin("cloning", None))
+
+
+def test_the_mean_of_the_members_acts(make_policy):
+    one = make_policy()
+    members = Perceptron(4, 2, Architecture(hidden=()), torch.Generator(), members=2, squash=True)
+    members.load_vector(np.zeros(20, dtype=np.float32))
+    members.state_dict()["biases.0"].copy_(torch.tensor([[[0.5, -0.5]], [[1.0, 2.0]]]))
+    actions = Policy(members, one.scaling, one.task).act(OBSERVATIONS[:3])
+    expected = 0.1 * (np.tanh([0.5, -0.5]) + np.tanh([1.0, 2.0])) / 2
+    np.testing.assert_allclose(actions, np.tile(expected, (3, 1)), rtol=1e-6)
+
+
 def test_actions_are_physical_and_bounded(make_policy):
     policy = make_policy()
     policy.network.load_vector(100.0 * policy.network.vector())
@@ -72,7 +104,7 @@ def test_acting_takes_the_observation_through_the_scaling(make_policy):
 
 
 def test_a_missing_policy_is_refused(path):
-    with pytest.raises(CheckpointError, match=r"there is no .*expert"):
+    with pytest.raises(TensorFileError, match=r"there is no .*expert"):
         load_policy(path)
 
 
@@ -81,19 +113,22 @@ def test_a_truncated_policy_is_refused(path, make_policy):
     whole = path.read_bytes()
     for length in (0, 7, 200, len(whole) - 1):
         path.write_bytes(whole[:length])
-        with pytest.raises(CheckpointError, match="damaged"):
+        with pytest.raises(TensorFileError, match="damaged"):
             load_policy(path)
 
 
 @pytest.mark.parametrize(
     ("header", "what"),
     [
-        ({"version": "1"}, "is rled-policy 1; accepted: rled-policy 2"),
-        ({"format": "another"}, "is another 2; accepted: rled-policy 2"),
+        ({"version": "1"}, "is rled-policy 1; accepted: rled-policy 3"),
+        ({"format": "another"}, "is another 3; accepted: rled-policy 3"),
         ({"format": None}, "of no format"),
-        ({"architecture": None}, "damaged"),
-        ({"architecture": "{"}, "damaged"),
-        ({"architecture": json.dumps({"width": 3})}, "damaged"),
+        ({"networks": None}, "damaged"),
+        ({"networks": "{"}, "damaged"),
+        ({"networks": json.dumps({"network": {"width": 3}})}, "damaged"),
+        ({"networks": json.dumps({"critic": {"width": 3}})}, "networks of other names"),
+        ({"origin": None}, "damaged"),
+        ({"origin": "{}"}, "origin has other fields"),
         ({"task": None}, "damaged"),
         ({"task": "{}"}, "task description"),
     ],
@@ -119,20 +154,20 @@ def test_another_version_or_a_damaged_header_is_refused(changed, header, what):
     ],
 )
 def test_weights_of_another_shape_are_refused(changed, tensors, what):
-    with pytest.raises(CheckpointError, match=what):
+    with pytest.raises(TensorFileError, match=what):
         load_policy(changed(**tensors))
 
 
 def test_a_header_of_another_architecture_is_refused(changed, make_policy):
-    wider = asdict(replace(make_policy().network.architecture, hidden=(9, 6)))
-    with pytest.raises(CheckpointError, match=r"network.weights.0"):
-        load_policy(changed({"architecture": json.dumps(wider)}))
+    wider = asdict(Shape(replace(make_policy().network.architecture, hidden=(9, 6)), 1))
+    with pytest.raises(TensorFileError, match=r"network.weights.0"):
+        load_policy(changed({"networks": json.dumps({"network": wider})}))
 
 
 def test_a_pickle_is_refused(path):
     path.parent.mkdir()
     path.write_bytes(pickle.dumps({"weights": [1.0]}))
-    with pytest.raises(CheckpointError, match="damaged"):
+    with pytest.raises(TensorFileError, match="damaged"):
         load_policy(path)
 
 
@@ -145,13 +180,13 @@ def test_a_policy_of_another_robot_does_not_fit_a_task(path, make_policy, task):
 
 def test_a_policy_that_cannot_be_written_is_one_clear_error(tmp_path, make_policy):
     (tmp_path / "file").touch()
-    with pytest.raises(CheckpointError, match=r"can't write .*policy"):
+    with pytest.raises(TensorFileError, match=r"can't write .*policy"):
         make_policy().save(tmp_path / "file" / "policy.safetensors")
 
 
 @pytest.mark.parametrize("name", ["expert.safetensors", "policy.safetensors"])
 def test_the_folder_of_a_training_stands_for_the_policy_in_it(tmp_path, make_policy, name):
-    with pytest.raises(CheckpointError, match=r"no policy in .*; accepted: policy.safetensors or expert.safetensors"):
+    with pytest.raises(TensorFileError, match=r"no policy in .*; accepted: policy.safetensors or expert.safetensors"):
         load_policy(tmp_path)
     policy = make_policy()
     policy.save(tmp_path / name)

@@ -9,7 +9,9 @@ from rled_agent.training.resuming import require_same_run
 from rled_msgs_py.errors import RledError
 
 BEGAN: dict[str, Any] = {
-    "config": {"seed": 3, "schedule": {"steps": 100}, "learner": {"actor": {"hidden": [8, 6]}}},
+    "config": {
+        "method": "td3", "settings": {"learner": {"actor": {"hidden": [8, 6]}}}, "seed": 3, "schedule": {"steps": 100}
+    },
     "demonstrations": {
         "bag": "a/bag", "bag_sha256": "1" * 64, "expert": "a/expert", "expert_sha256": "2" * 64, "points": 0,
         "over": "graph", "simulation": {"max_steps": 100, "limits": {"collisions": False}},
@@ -49,7 +51,11 @@ def test_more_steps_and_the_same_files_elsewhere_go_on(values):
         ),
         ({"demonstrations__bag": "None", "demonstrations__bag_sha256": None}, "the bag None holds something else than"),
         ({"demonstrations__points": 7}, "demonstrations.points changed since the run began; accepted: .*points 0"),
-        ({"config__learner__actor__hidden": [8, 7]}, "config.learner.actor.hidden changed since the run began"),
+        (
+            {"config__settings__learner__actor__hidden": [8, 7]},
+            "config.settings.learner.actor.hidden changed",
+        ),
+        ({"config__method": "ddpg"}, "the method is ddpg, and the run began with another; accepted: td3"),
         ({"demonstrations__simulation__max_steps": 50}, "demonstrations.simulation.max_steps changed since"),
         (
             {"demonstrations__simulation__limits__collisions": True},
@@ -66,7 +72,7 @@ def test_what_is_not_the_same_is_named(values, said):
     assert len(str(caught.value)) < 500
 
 
-@pytest.mark.parametrize("began", [{}, {"config": [], "demonstrations": 3}, {"config": None}, {"demonstrations": {}}])
+@pytest.mark.parametrize("began", [{}, {"config": [], "demonstrations": 3}, {"config": None}, {"config": {}}])
 def test_what_no_run_wrote_is_of_another_version(began):
     with pytest.raises(RledError, match="the run in run was begun by a version with other settings"):
         require_same_run(began, BEGAN, Path("run"))

@@ -60,9 +60,9 @@ def test_rows_after_the_checkpoint_are_dropped_on_continuing(tmp_path):
     for step in (10.0, 20.0, 30.0):
         before.append({"step": step, "reward": -step})
         if step == 20.0:
-            before.save(Checkpoint({"weights": torch.ones(2)}, {"step": 20}))
+            before.save(Checkpoint({"weights": torch.ones(2)}, {"run.step": 20}))
     after = RunDirectory(tmp_path)
-    assert after.load().state == {"step": 20}
+    assert after.load().state == {"run.step": 20}
     assert [row["step"] for row in rows(after.metrics_path)] == [10.0, 20.0]
     after.append({"step": 30.0, "reward": -31.0})
     assert [row["reward"] for row in rows(after.metrics_path)] == [-10.0, -20.0, -31.0]
@@ -72,7 +72,7 @@ def test_no_temporary_file_is_left(tmp_path):
     directory = RunDirectory(tmp_path)
     directory.create({})
     directory.append({"step": 1.0})
-    directory.save(Checkpoint({}, {"step": 1}))
+    directory.save(Checkpoint({}, {"run.step": 1}))
     assert sorted(os.listdir(tmp_path)) == ["checkpoint.safetensors", "config.json", "metrics.csv"]
 
 

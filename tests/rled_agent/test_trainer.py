@@ -1,5 +1,8 @@
+"""The loop: what is stored, learned from, measured and kept, and how it goes on."""
+
 import math
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,76 +10,117 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
-from rled_agent.exploration.behaviour import MonteCarloGate
-from rled_agent.training.checkpoint import Checkpoint, CheckpointError, read_checkpoint, write_checkpoint
-from rled_agent.training.config import BehaviourConfig, ScheduleConfig, TrainConfig
-from rled_agent.training.environments import make_environment
-from rled_agent.training.expertise import Expertise, no_expertise, read_expertise
-from rled_agent.learners.td3 import LearnerConfig
+from rled_agent.data.opening import open_demonstrations
+from rled_agent.exploration.uncertainty_gate import UncertaintyGate
+from rled_agent.learners.actor_losses import Cloning
+from rled_agent.learners.td3 import TD3Config
+from rled_agent.methods import methods
+from rled_agent.methods.biased_exploration import BiasedExploration
+from rled_agent.methods.ddpg import DDPG
+from rled_agent.methods.ibrl import IBRL
+from rled_agent.methods.jsrl import JSRL
+from rled_agent.methods.mc_rled import MCRLED
+from rled_agent.methods.method import Learning, Method, Problem
+from rled_agent.methods.preloading import Preloading
+from rled_agent.methods.q_filtered_cloning import QFilteredCloning
+from rled_agent.methods.rlpd import RLPD
+from rled_agent.methods.td3 import TD3
 from rled_agent.nn.architecture import Architecture
+from rled_agent.nn.policy import load_policy
 from rled_agent.nn.scaling import scaling_of_bounds
-from rled_agent.training.trainer import DivergenceError, Trainer
-from rled_msgs_py.bags import Bag
-from rled_msgs_py.errors import ContractError, RledError
+from rled_agent.nn.tensor_file import TensorFileError
+from rled_agent.replay.n_step import NStepReplay
+from rled_agent.replay.prioritised import PrioritisedReplay
+from rled_agent.replay.transitions import Source
+from rled_agent.training.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
+from rled_agent.training.config import Schedule, TrainConfig
+from rled_agent.training.environments import make_environment
+from rled_agent.training.run import Inputs, Run, composed
+from rled_agent.training.trainer import DivergenceError, Environments, Trainer
 from rled_msgs_py.records import Actor
-from rled_sim.robots import ROBOTS
-from rled_sim.tasks import reach_task
 
 TINY = Architecture(hidden=(12, 10))
-SCHEDULE = ScheduleConfig(
+SCHEDULE = Schedule(
     steps=400, train_after=40, train_every=20, gradient_steps=10, batch_size=16, capacity=150, evaluation_episodes=2
 )
-LEARNER = LearnerConfig(actor=TINY, critic=TINY)
+LEARNER = TD3Config(actor=TINY, critic=TINY)
 DROPPING = replace(LEARNER, actor=replace(TINY, dropout=0.2))
-BIASED = TrainConfig(env="rled/PlanarReach-v0", behaviour=BehaviourConfig(phi=0.4), schedule=SCHEDULE, learner=DROPPING)
-GATED = replace(BIASED, behaviour=BehaviourConfig(name="gate", measure="iqr", threshold=0.03, passes=8))
-PLAIN = replace(BIASED, behaviour=BehaviourConfig(phi=0.0), learner=LEARNER)
-SHARED = replace(
-    GATED,
-    schedule=replace(SCHEDULE, expert_share=0.25),
-    learner=replace(DROPPING, cloning_weight=1.0, rate_decay=100.0, target_dropout=True),
+SHARING = MCRLED(
+    measure="iqr",
+    threshold=0.03,
+    passes=8,
+    demonstrated_share=0.25,
+    cloning=Cloning(),
+    learner=replace(DROPPING, rate_decay=100.0, target_dropout=True),
 )
-JUMP_START = replace(PLAIN, behaviour=BehaviourConfig(name="jump_start", guide_steps=9, guide_stages=3))
-PROPOSAL = replace(
-    PLAIN,
-    behaviour=BehaviourConfig(name="proposal"),
-    schedule=replace(SCHEDULE, preload=30),
-    learner=replace(LEARNER, expert_bootstrap=True),
-)
-CONFIGS = {
-    "jump_start": JUMP_START,
-    "proposal": PROPOSAL,
-    "biased": BIASED,
-    "gated": GATED,
-    "plain": PLAIN,
-    "shared": SHARED,
+
+
+class NStepPrioritised(TD3):
+    """TD3 over three steps, from transitions drawn by their errors."""
+
+    def learning(self, problem: Problem) -> Learning:
+        plain = super().learning(problem)
+        replay = NStepReplay(3, PrioritisedReplay(plain.replay))
+        return plain._replace(replay=replay, batches=replay)
+
+
+METHODS: dict[str, Method] = {
+    "td3": TD3(random_steps=25, learner=LEARNER),
+    "ddpg": DDPG(learner=replace(LEARNER, critics=1, delay=1, target_noise=0.0)),
+    "biased_exploration": BiasedExploration(phi=0.4, learner=DROPPING),
+    "mc_rled": MCRLED(measure="iqr", threshold=0.03, passes=8, learner=DROPPING),
+    "mc_rled, sharing": SHARING,
+    "jsrl": JSRL(guide_steps=9, guide_stages=3, learner=LEARNER),
+    "ibrl": IBRL(preload=30, learner=LEARNER),
+    "preloading": Preloading(preload=30, learner=LEARNER),
+    "q_filtered_cloning": QFilteredCloning(learner=LEARNER),
+    "rlpd": RLPD(learner=replace(LEARNER, critic=replace(TINY, layer_norm=True))),
+    "n-step, prioritised": NStepPrioritised(learner=LEARNER),
 }
 
 
+def test_every_method_is_looked_at():
+    assert set(methods()) <= set(METHODS)
+    assert {type(method) for method in METHODS.values()} >= set(methods().values())
+
+
+def planar(method: Method, **changes: object) -> TrainConfig:
+    return TrainConfig(method, **{"env": "rled/PlanarReach-v0", "schedule": SCHEDULE} | changes)
+
+
+PLAIN = planar(TD3(learner=LEARNER))
+STILL = planar(TD3(noise=0.0, learner=replace(LEARNER, actor_rate=0.0)))
+BIASED, GATED = planar(METHODS["biased_exploration"]), planar(METHODS["mc_rled"])
+
+
 @pytest.fixture(scope="module")
-def expert(make_policy, tmp_path_factory) -> Path:
+def inputs(make_policy, planar_bag: Path, tmp_path_factory) -> Inputs:
     path = tmp_path_factory.mktemp("expert") / "expert.safetensors"
     make_policy().save(path)
-    return path
+    return Inputs(open_demonstrations(planar_bag, "points"), load_policy(path))
 
 
 @pytest.fixture
-def make(planar_bag: Path, expert: Path) -> Iterator[Callable[[TrainConfig], Trainer]]:
-    opened: list[gymnasium.Env] = []
+def compose(inputs: Inputs) -> Iterator[Callable[..., Run]]:
+    with ExitStack() as stack:
+        yield lambda config, given=inputs, **others: stack.enter_context(composed(config, given, **others))
 
-    def trainer(config: TrainConfig) -> Trainer:
-        opened.extend(make_environment(config, None) for _ in range(2))
-        return Trainer(*opened[-2:], config, read_expertise(opened[-1], Bag(planar_bag), expert, config))
 
-    yield trainer
-    for env in opened:
-        env.close()
+@pytest.fixture
+def make(compose: Callable[..., Run]) -> Callable[[TrainConfig], Trainer]:
+    return lambda config: compose(config).trainer
 
 
 def run(trainer: Trainer, steps: int) -> Trainer:
     for _ in range(steps):
         trainer.advance()
     return trainer
+
+
+def stood_still(trainer: Trainer, steps: int) -> Trainer:
+    """A run whose actor keeps the robot where it is, so that its episodes are cut after 100 steps."""
+    trainer.learning.learner.actor.load_vector(0.0 * trainer.learning.learner.actor.vector())
+    return run(trainer, steps)
 
 
 def assert_same(one: Checkpoint, other: Checkpoint) -> None:
@@ -86,35 +130,31 @@ def assert_same(one: Checkpoint, other: Checkpoint) -> None:
         assert torch.equal(tensor, other.tensors[name]), name
 
 
-@pytest.mark.parametrize("config", CONFIGS.values(), ids=CONFIGS)
-def test_same_seed_gives_the_same_state(make, config):
-    one, same = (run(make(config), 150).checkpoint() for _ in range(2))
+@pytest.mark.parametrize("method", METHODS.values(), ids=METHODS)
+def test_same_seed_gives_the_same_state(make, method):
+    one, same = (run(make(planar(method)), 150).checkpoint() for _ in range(2))
     assert_same(one, same)
-    other = run(make(replace(config, seed=1)), 150).checkpoint()
-    assert not torch.equal(other.tensors["actor.weights.0"], one.tensors["actor.weights.0"])
+    other = run(make(planar(method, seed=1)), 150).checkpoint()
+    assert not torch.equal(other.tensors["learner.actor.weights.0"], one.tensors["learner.actor.weights.0"])
 
 
-@pytest.mark.parametrize("cut", [130, 200])
-@pytest.mark.parametrize("config", CONFIGS.values(), ids=CONFIGS)
-def test_a_run_continues_from_a_checkpoint_bit_for_bit(make, config, cut, tmp_path):
-    """The replay of 150 rows has wrapped around at step 200; at 130 an episode of 100 steps is under way."""
-    whole = run(make(config), 330).checkpoint()
-    write_checkpoint(tmp_path / "c.safetensors", run(make(config), cut).checkpoint())
-    resumed = make(config)
-    resumed.restore(read_checkpoint(tmp_path / "c.safetensors"))
+@pytest.mark.parametrize("cut", [20, 130, 200])
+@pytest.mark.parametrize("method", METHODS.values(), ids=METHODS)
+def test_a_run_continues_from_a_checkpoint_bit_for_bit(make, method, cut, tmp_path):
+    """At 20 nothing was learned yet; the replay of 150 has wrapped around at 200; at 130 an episode is under way."""
+    whole = run(make(planar(method)), 330).checkpoint()
+    write_checkpoint(tmp_path / "c.safetensors", run(make(planar(method)), cut).checkpoint())
+    resumed = make(planar(method))
+    assert resumed.restore(read_checkpoint(tmp_path / "c.safetensors"))
     assert resumed.step == cut
     assert_same(run(resumed, 330 - cut).checkpoint(), whole)
 
 
 def test_a_checkpoint_is_taken_where_an_episode_has_just_begun(make, tmp_path):
-    still = replace(PLAIN, behaviour=BehaviourConfig(phi=0.0, noise=0.0), learner=replace(LEARNER, actor_rate=0.0))
-    trainer = make(still)
-    # it stands still, so the episode is cut after 100 steps
-    trainer.learner.actor.load_vector(0.0 * trainer.learner.actor.vector())
-    run(trainer, 100)
-    assert len(trainer.interval.episodes) == 1
+    trainer = stood_still(make(STILL), 100)
+    assert len(trainer.metrics.episodes) == 1
     write_checkpoint(tmp_path / "c.safetensors", trainer.checkpoint())
-    resumed = make(still)
+    resumed = make(STILL)
     resumed.restore(read_checkpoint(tmp_path / "c.safetensors"))
     assert_same(run(resumed, 30).checkpoint(), run(trainer, 30).checkpoint())
 
@@ -126,26 +166,21 @@ def test_evaluations_change_nothing(make):
     assert_same(watched.checkpoint(), run(alone, 120).checkpoint())
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"learner": replace(DROPPING, actor=replace(TINY, hidden=(12, 11), dropout=0.2))},
-        {"learner": replace(DROPPING, critics=1)},
-        {"schedule": replace(SCHEDULE, capacity=100)},
-    ],
-)
-def test_a_checkpoint_of_other_networks_or_of_more_transitions_is_refused(make, change):
-    checkpoint = run(make(BIASED), 130).checkpoint()
-    with pytest.raises(CheckpointError):
-        make(replace(BIASED, **change)).restore(checkpoint)
+OTHERS = {
+    "actor": {"method": replace(BIASED.method, learner=replace(DROPPING, actor=Architecture((12, 11), dropout=0.2)))},
+    "critics": {"method": replace(BIASED.method, learner=replace(DROPPING, critics=1))},
+    "capacity": {"schedule": replace(SCHEDULE, capacity=100)},
+    "strategy": {"method": METHODS["jsrl"]},
+    "environment": {"method": PLAIN.method, "env": "Pendulum-v1", "reward": "own"},
+}
 
 
-def test_a_checkpoint_of_another_environment_is_refused(make):
-    checkpoint = run(make(PLAIN), 10).checkpoint()
-    pendulum = replace(PLAIN, env="Pendulum-v1", reward="own")
-    env = make_environment(pendulum, None)
-    with pytest.raises(CheckpointError):
-        Trainer(env, env, pendulum, no_expertise(env, pendulum)).restore(checkpoint)
+@pytest.mark.parametrize("change", OTHERS.values(), ids=OTHERS)
+def test_a_checkpoint_of_another_configuration_or_environment_is_refused(compose, inputs, change):
+    checkpoint = run(compose(BIASED).trainer, 130).checkpoint()
+    given = Inputs() if "env" in change else inputs
+    with pytest.raises(TensorFileError, match=r"the checkpoint.*begin again without it"):
+        compose(replace(BIASED, **change), given).trainer.restore(checkpoint)
 
 
 def test_more_steps_than_before_are_no_other_settings(make, tmp_path):
@@ -155,103 +190,153 @@ def test_more_steps_than_before_are_no_other_settings(make, tmp_path):
     assert longer.step == 10
 
 
+class Arm(gymnasium.Env):
+    """Cannot be brought to where it was; counts what it is asked for."""
+
+    is_repeatable = False
+    observation_space = gymnasium.spaces.Box(-1, 1, (3,))
+    action_space = gymnasium.spaces.Box(-1, 1, (2,))
+
+    def __init__(self) -> None:
+        self.resets = self.steps = 0
+
+    def reset(self, *, seed=None, options=None):
+        self.resets += 1
+        return np.full(3, 0.1, np.float32), {}
+
+    def step(self, action):
+        self.steps += 1
+        return np.full(3, 0.01 * self.steps, np.float32), -1.0, False, False, {}
+
+
+def on_an_arm(method: Method = NStepPrioritised(learner=LEARNER)) -> tuple[Trainer, Arm]:  # noqa: B008
+    arm, draws = Arm(), np.random.default_rng(0)
+    scaling = scaling_of_bounds((np.full(3, -1.0), np.ones(3)), (np.full(2, -1.0), np.ones(2)))
+    learning = method.learning(Problem(3, 2, 150, draws, torch.Generator().manual_seed(0)))
+    strategy = method.strategy(Problem(3, 2, 150, draws, torch.Generator()), learning.learner)
+    return Trainer(Environments(arm, arm, scaling), learning, strategy, SCHEDULE, draws, has_expert=False), arm
+
+
+def test_where_an_episode_cannot_be_repeated_a_new_one_begins_and_no_action_is_made_again(tmp_path):
+    begun, _ = on_an_arm()
+    write_checkpoint(tmp_path / "c.safetensors", run(begun, 50).checkpoint())
+    resumed, arm = on_an_arm()
+    resets = arm.resets
+    assert not resumed.restore(read_checkpoint(tmp_path / "c.safetensors"))
+    assert (arm.steps, arm.resets - resets) == (0, 1)
+    assert resumed.step == 50
+    for name, tensor in begun.learning.learner.state_dict().items():
+        if torch.is_tensor(tensor):
+            assert torch.equal(tensor, resumed.learning.learner.state_dict()[name]), name
+    assert len(resumed.learning.replay) == len(begun.learning.replay) + 2 == 50  # what waited ends with the old episode
+    run(resumed, 10)
+    assert arm.steps == 10
+    assert len(resumed.learning.replay) == 58
+    assert resumed.checkpoint().tensors["episode.actions"].shape == (10, 2)
+    rows = resumed.learning.replay._replay._replay.rows
+    assert rows[47:50, 6].tolist() == pytest.approx([0.99**3, 0.99**2, 0.99])  # counted over the steps there were
+    assert rows[50, :3].tolist() == pytest.approx([0.1] * 3)
+
+
 def test_gradient_steps_come_in_bursts_once_enough_was_seen(make):
     trainer, counts = make(PLAIN), []
     for _ in range(100):
         trainer.advance()
-        counts.append(trainer.learner.updates)
+        counts.append(trainer.learning.learner.updates)
     # 40 steps seen, and after every 20th more, 10 while the next one is on its way
     assert counts == [10 * max(0, seen // 20 - 1) for seen in range(100)]
 
 
 def test_transitions_are_stored_normalised_and_in_order(make):
     trainer = run(make(PLAIN), 60)
-    assert len(trainer.replay) == 60
-    rows, scaling = trainer.replay.rows[:60], trainer.expertise.scaling
-    env = make_environment(PLAIN, None)
-    observation, _ = env.reset(seed=trainer.checkpoint().state["episode_seed"])
+    assert len(trainer.learning.replay) == 60
+    rows, scaling, starts = trainer.learning.replay.rows[:60], trainer.scaling, trainer.env.unwrapped
+    env = make_environment(PLAIN, np.array(starts.simulation._starts))
+    observation, _ = env.reset(seed=trainer.checkpoint().state["episode.seed"])
     for row in rows:
         np.testing.assert_array_equal(row[:4], scaling.normalize_observation(observation))
         physical = scaling.denormalize_action(row[4:6]).astype(np.float32)
         observation, reward, terminated, truncated, _ = env.step(physical)
         assert row[6] == np.float32(reward)
-        assert row[7] == terminated
-        np.testing.assert_array_equal(row[8:], scaling.normalize_observation(observation))
+        assert row[7] == np.float32(0.99 * (not terminated))
+        np.testing.assert_array_equal(row[8:12], scaling.normalize_observation(observation))
+        assert row[12] == Source.AGENT
         assert not truncated
     env.close()
 
 
 def test_a_truncated_episode_is_stored_as_one_that_goes_on(make):
-    still = replace(PLAIN, behaviour=BehaviourConfig(phi=0.0, noise=0.0), schedule=replace(SCHEDULE, train_after=1000))
-    trainer = make(still)
-    trainer.learner.actor.load_vector(0.0 * trainer.learner.actor.vector())
-    run(trainer, 100)
-    assert len(trainer.interval.episodes) == 1
-    assert trainer.replay.rows[99, 7] == 0.0
+    trainer = stood_still(make(replace(STILL, schedule=replace(SCHEDULE, train_after=1000))), 100)
+    assert len(trainer.metrics.episodes) == 1
+    assert trainer.learning.replay.rows[99, 7] == np.float32(0.99)
 
 
-def test_batches_hold_the_share_of_demonstrated_rows(make):
-    trainer = run(make(SHARED), 60)
-    seen = []
-    update = trainer.learner.update
-    trainer.learner.update = lambda batch: (seen.append(batch), update(batch))[1]
+def test_batches_hold_the_share_of_demonstrated_transitions(make):
+    trainer = run(make(planar(SHARING)), 60)
+    seen, learner = [], trainer.learning.learner
+    update = learner.update
+    learner.update = lambda batch: (seen.append(batch), update(batch))[1]
     run(trainer, 20)
-    assert {(len(batch), batch.demonstrated) for batch in seen} == {(16, 4)}
-    own = {row.tobytes() for row in trainer.replay.rows[: len(trainer.replay)]}
+    expected = 12 * [False] + 4 * [True]
+    assert seen
     for batch in seen:
-        rows = [row.tobytes() in own for row in batch.rows.numpy()]
-        assert rows == [True] * 12 + [False] * 4
+        assert (batch.source[:, 0] == Source.DEMONSTRATION).tolist() == expected
+        assert batch.demonstrated[:, 0].bool().tolist() == expected
+
+
+@pytest.mark.parametrize("name", ["preloading", "ibrl"])
+def test_a_replay_begins_with_demonstrations(make, name):
+    replay = make(planar(METHODS[name])).learning.replay
+    assert (replay.rows[: len(replay), -1] == Source.DEMONSTRATION).all()
+    assert len(replay) == 30
 
 
 def test_the_expert_acts_in_whole_episodes_and_in_the_share_phi(make):
-    config = replace(BIASED, learner=LEARNER, schedule=replace(SCHEDULE, train_after=10_000, capacity=10_000))
-    trainer, episodes, actors = make(config), [], []
-    act = trainer.behaviour.act
-    trainer.behaviour.act = lambda observation: (choice := act(observation), actors.append(choice.actor))[0]
-    while len(episodes) < 60:
-        before = len(trainer.interval.episodes)
+    schedule = replace(SCHEDULE, train_after=10_000, capacity=10_000)
+    trainer = make(planar(BiasedExploration(phi=0.4, learner=LEARNER), schedule=schedule))
+    ends = []
+    while len(ends) < 60:
         trainer.advance()
-        if len(trainer.interval.episodes) > before:
-            episodes.append(set(actors))
-            actors.clear()
-    assert all(len(each) == 1 for each in episodes)
-    share = sum(each == {Actor.EXPERT} for each in episodes) / 60
+        if len(trainer.metrics.episodes) > len(ends):
+            ends.append(trainer.step)
+    sources = trainer.learning.replay.rows[: trainer.step, -1]
+    episodes = [set(part.tolist()) for part in np.split(sources, ends)[:-1]]
+    assert all(each in ({Source.EXPERT}, {Source.AGENT}) for each in episodes)
+    share = sum(each == {Source.EXPERT} for each in episodes) / 60
     assert abs(share - 0.4) < 3 * math.sqrt(0.4 * 0.6 / 60)
 
 
 @pytest.mark.parametrize(("threshold", "share"), [(0.0, 1.0), (1e6, 0.0)])
 def test_the_gate_leaves_all_to_the_expert_or_to_the_agent(make, threshold, share):
-    trainer = run(make(replace(GATED, behaviour=replace(GATED.behaviour, threshold=threshold))), 30)
-    assert isinstance(trainer.behaviour, MonteCarloGate)
-    row = trainer.interval.row()
+    trainer = run(make(planar(replace(GATED.method, threshold=threshold))), 30)
+    assert isinstance(trainer.strategy, UncertaintyGate)
+    row = trainer.metrics.row(has_expert=True)
     assert row["demonstrated_share"] == share
     assert row["iqr_mean"] > 0.0
+    assert set(trainer.learning.replay.rows[:30, -1]) == {Source.EXPERT if share else Source.AGENT}
 
 
-@pytest.mark.parametrize("lacking", ["dropout", "demonstrations"])
-def test_a_gate_without_dropout_or_demonstrations_is_refused(make, lacking, planar_bag, expert):
-    config = replace(GATED, learner=LEARNER) if lacking == "dropout" else GATED
-    env = make_environment(config, None)
-    expertise = read_expertise(env, Bag(planar_bag), expert, config)
-    if lacking == "demonstrations":
-        expertise = expertise._replace(source=None)
-    with pytest.raises(RledError, match=f"the Monte-Carlo gate lacks .*{lacking}"):
-        Trainer(env, env, config, expertise)
-    env.close()
-
-
-def test_the_figures_of_an_interval_are_those_of_its_steps(make):
+def test_the_metrics_of_a_row_are_those_of_its_steps(make):
     trainer = run(make(replace(PLAIN, schedule=replace(SCHEDULE, train_after=10_000))), 150)
-    rewards = trainer.replay.rows[:150, 6]
-    row = trainer.interval.row()
-    first = trainer.interval.episodes[0]
-    assert row["episodes"] == len(trainer.interval.episodes) >= 1
+    rewards = trainer.learning.replay.rows[:150, 6]
+    row = trainer.metrics.row(has_expert=True)
+    first = trainer.metrics.episodes[0]
+    assert row["episodes"] == len(trainer.metrics.episodes) >= 1
     assert row["lowest_reward"] == pytest.approx(rewards.min())
     assert first.reward == pytest.approx(rewards[: first.steps].sum(), rel=1e-4)
-    assert row["violations_per_1000"] == pytest.approx(1000 * np.mean(rewards < -1.0))
+    assert row["violations_per_1000"] == pytest.approx(1000 * np.mean(rewards < -0.5))
     assert row["demonstrated_share"] == 0.0
-    assert math.isnan(row["critic_loss"])
-    assert math.isnan(row["qcd_mean"])
+    assert not {"critic_loss", "q", "qcd_mean"} & set(row)  # of what there is not, there is no column
+    assert "demonstrated_share" not in trainer.metrics.row(has_expert=False)
+
+
+def test_the_losses_of_a_row_are_means_over_its_gradient_steps(make):
+    trainer = run(make(PLAIN), 81)
+    updates = trainer.metrics.updates
+    assert len(updates) == 30
+    row = trainer.metrics.row(has_expert=False)
+    for name in ("critic_loss", "q"):
+        assert row[name] == pytest.approx(np.mean([float(each.metrics[name].mean()) for each in updates]))
 
 
 class Numbers(gymnasium.Env):
@@ -260,7 +345,7 @@ class Numbers(gymnasium.Env):
     observation_space = gymnasium.spaces.Box(-1, 1, (3,))
     action_space = gymnasium.spaces.Box(-1, 1, (2,))
 
-    def __init__(self, paid: float) -> None:
+    def __init__(self, paid: float = 0.0) -> None:
         self.paid, self.steps = paid, 0
 
     def reset(self, *, seed=None, options=None):
@@ -273,35 +358,11 @@ class Numbers(gymnasium.Env):
 
 @pytest.mark.parametrize("paid", [math.nan, math.inf])
 def test_a_loss_that_is_no_number_stops_training_naming_the_step(paid):
-    scaling = scaling_of_bounds((np.full(3, -1.0), np.ones(3)), (np.full(2, -1.0), np.ones(2)))
-    trainer = Trainer(Numbers(paid), Numbers(0.0), PLAIN, Expertise(None, None, scaling))
+    trainer, _ = on_an_arm(PLAIN.method)
+    trainer.env = Numbers(paid)
     with pytest.raises(DivergenceError, match=r"no number at step (60|80|100)"):
         run(trainer, 200)
     assert trainer.step in (60, 80, 100)
-
-
-def test_settings_that_need_an_expert_are_refused_without_one():
-    env = make_environment(PLAIN, None)
-    for config in (BIASED, GATED, replace(PLAIN, schedule=replace(SCHEDULE, expert_share=0.1))):
-        with pytest.raises(RledError, match="these settings need an expert; accepted: --bag and --expert"):
-            no_expertise(env, config)
-    assert no_expertise(env, PLAIN).source is None
-    env.close()
-
-
-def test_an_expert_or_a_bag_of_another_robot_is_refused(make_policy, planar_bag, expert, tmp_path):
-    panda, planar = (make_environment(TrainConfig(env=name), None) for name in ("rled/PandaReach-v0", BIASED.env))
-    other = tmp_path / "panda.safetensors"
-    make_policy(task=reach_task(ROBOTS["panda"]).description).save(other)
-    with pytest.raises(ContractError, match="the bag is for robot planar; accepted: panda"):
-        read_expertise(panda, Bag(planar_bag), other, BIASED)
-    with pytest.raises(ContractError, match="the expert is for robot panda; accepted: planar"):
-        read_expertise(planar, Bag(planar_bag), other, BIASED)
-    foreign = make_environment(TrainConfig(env="Pendulum-v1", reward="own"), None)
-    with pytest.raises(RledError, match="no robot that a bag could be of"):
-        read_expertise(foreign, Bag(planar_bag), expert, replace(BIASED, env="Pendulum-v1"))
-    for env in (panda, planar, foreign):
-        env.close()
 
 
 def test_the_evaluation_is_the_mean_of_whole_episodes_without_noise_or_dropout(make):
@@ -310,3 +371,18 @@ def test_the_evaluation_is_the_mean_of_whole_episodes_without_noise_or_dropout(m
     assert once == again
     assert set(once) == {"reward", "steps", "targets_reached", "violations"}
     assert 0 < once["steps"] <= 100
+
+
+def test_who_acted_is_kept_with_the_transition(make):
+    trainer = make(planar(replace(GATED.method, threshold=0.02, measure="iqr")))
+    actors, act = [], trainer.strategy.act
+
+    def watched(observation):
+        choice = act(observation)
+        actors.append(choice.actor)
+        return choice
+
+    trainer.strategy.act = watched
+    run(trainer, 100)
+    assert {Actor.AGENT, Actor.EXPERT} == set(actors)
+    assert trainer.learning.replay.rows[:100, -1].tolist() == [Source[actor.name] for actor in actors]

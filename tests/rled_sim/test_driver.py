@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from rled_msgs_py.errors import RledError
-from rled_msgs_py.task_limits import Limits, Zone
 from rled_msgs_py.records import DeltaCommand, PoseSample
+from rled_msgs_py.task_limits import Limits, Zone
 from rled_sim.bullet.world import World
 from rled_sim.commands import Code, Refused, displacement
 from rled_sim.driver import Driver, Rules

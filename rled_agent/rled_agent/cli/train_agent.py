@@ -81,7 +81,7 @@ def main() -> None:
         directory.require_new()
     bag = Bag(options.bag) if options.bag else None
     if bag is not None:
-        require_robot_of(bag, options.config.env)
+        require_robot_of(bag.task, options.config.env, f"bag {bag.path}")
     with composed(options.config, _inputs(options), _training_env(options)) as run:
         _open(directory, options, run, bag)
         with stop_requested() as stop:

@@ -95,7 +95,7 @@ def main() -> None:
     torch.set_num_threads(1)
     config = TrainConfig(TD3(), env=options.env, reward=options.reward, seed=options.seed)
     bag = Bag(options.bag)
-    require_robot_of(bag, options.env)
+    require_robot_of(bag.task, options.env, f"bag {bag.path}")
     points = demonstration_points(bag)
     env, evaluation_env = (make_environment(config, points.joints) for _ in range(2))
     task = task_of(env)

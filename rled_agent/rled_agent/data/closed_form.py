@@ -122,7 +122,7 @@ class JoinedPoints:
         position = self.chain.position(q)
         reached = _squared(position - drawn.target) < tolerance
         target = np.where(reached[:, None], points[generator.integers(len(points), size=size)], drawn.target)
-        return Moves(*drawn, q, position, target, np.zeros(size, dtype=np.bool_))
+        return Moves(*drawn, q, position, target, np.full(size, np.nan))
 
     def at(self, transition: NDArray[np.int64]) -> "Shown":
         """The transitions of the given running numbers, shape (k,), of a hand that does not tremble."""

@@ -14,8 +14,9 @@ from rled_agent.replay.transitions import Source, Transitions
 class DemonstrationBuffer(Sampler):
     """Draws batches in which the demonstrator acts.
 
-    A reached target ends the episode with the probability that it is the last one, since a state does not tell how
-    many came before it; where the demonstration was seen to end, it ends.
+    A reached target ends the episode where that was seen in the demonstration. Where it was not, or where the
+    demonstration's episodes were of another number of targets, it ends with the probability that it is the last one,
+    since a state does not tell how many came before it.
 
     Args:
         demonstrations: what was shown.
@@ -49,7 +50,9 @@ class DemonstrationBuffer(Sampler):
         moves = self._demonstrations.moves(size, self._generator)
         judged = self._reach.judge(moves.next_q, moves.next_position, moves.target)
         is_last = self._generator.random(size) * max(task.targets_per_episode, 1) < 1.0
-        terminated = judged.reached & (moves.final | is_last) & (task.targets_per_episode > 0)
+        if self._demonstrations.task.targets_per_episode == task.targets_per_episode:
+            is_last = np.where(np.isnan(moves.final), is_last, moves.final == 1.0)
+        terminated = judged.reached & is_last & (task.targets_per_episode > 0)
         discount = self._gamma * (1.0 - terminated)
         return Transitions(
             torch.from_numpy(scaling.normalize_observation(task.observe(moves.q, moves.position, moves.target))),

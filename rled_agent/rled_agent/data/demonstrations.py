@@ -38,7 +38,8 @@ class Moves(NamedTuple):
         next_q: joint angles after (rad), shape (k, n).
         next_position: end effector after (m), shape (k, 3).
         next_target: target after (m), another one where it was reached, shape (k, 3).
-        final: whether the episode was seen to end there, its last target reached, shape (k,).
+        final: 1 where the episode was seen to end there, its last target reached, 0 where it was seen to go on, NaN
+            where nobody saw it, shape (k,).
     """
 
     q: Floats
@@ -48,7 +49,7 @@ class Moves(NamedTuple):
     next_q: Floats
     next_position: Floats
     next_target: Floats
-    final: NDArray[np.bool_]
+    final: Floats
 
     def at(self, rows: NDArray[Any]) -> "Moves":
         """Some of them, by their numbers or by a mask."""

@@ -154,10 +154,10 @@ def _carried_out(task: TaskDescription, line: Timeline, is_chosen: NDArray[np.bo
     before = before[is_chosen[before] & (np.abs(delta) > STILL * task.max_delta).any(axis=1)]
     after = before + 1
     action = np.clip(line.q[after] - line.q[before], -task.max_delta, task.max_delta)
-    is_last = task.targets_per_episode > 0 and line.reached[after] == task.targets_per_episode
+    final = (line.reached[after] == task.targets_per_episode).astype(np.float64)
     states = line.q[before], line.position[before], line.target[before], action
     following = line.q[after], line.position[after], line.target[after]
-    return Moves(*states, *following, np.broadcast_to(is_last, len(before)).copy()), before
+    return Moves(*states, *following, final), before
 
 
 def _trajectories(line: Timeline, left_out: list[tuple[int, int]]) -> NDArray[np.int64]:

@@ -126,6 +126,14 @@ class Pilot:
         self._generators = np.random.default_rng(seed), np.random.default_rng([seed, 1])
         self._strategy = self._make(settings)
 
+    def require(self, settings: StrategySettings) -> None:
+        """Refuse settings that no strategy can be made of.
+
+        Raises:
+            RledError: as when made.
+        """
+        self._make(settings)
+
     def adjust(self, settings: StrategySettings) -> None:
         """Choose by other settings from now on; an episode that was drawn for the expert stays his.
 

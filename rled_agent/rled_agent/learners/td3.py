@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from rled_msgs_py.errors import ContractError, RledError
-from rled_msgs_py.validation import Range
+from rled_msgs_py.validation import Range, check_fields
 from torch import Tensor
 
 from rled_agent.bounds import Amount, Share
@@ -55,6 +55,7 @@ class TD3Config:
     """hidden part of each critic"""
 
     def __post_init__(self) -> None:
+        check_fields(self, "learner.")
         if self.critic.dropout:
             raise ContractError(f"learner.critic.dropout is {self.critic.dropout}", "0", "critics drop no units")
 

@@ -3,7 +3,6 @@
 import math
 import time
 from functools import partial
-from threading import Event
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -70,7 +69,8 @@ class AgentNode(Node):
         torch.set_num_threads(1)
         torch.set_flush_denormal(True)
         self._arbiter: Arbiter | None = None
-        given = declare(self, AgentParams, self._on_change)
+        self._waiting: Waiting | None = None
+        given = declare(self, AgentParams, self._on_change, self._require)
         policies = load_policies(given.expert, given.agent)
         self._trained = policies.agent.origin.gate if policies.agent is not None else None
         self._params = given.in_force(self._trained)
@@ -85,7 +85,6 @@ class AgentNode(Node):
             self._pilot.policy, self._params.agent, self._params.learning_state, self._params.learning_priority
         )
         self._episode = -1
-        self._waiting: Waiting | None = None
         self._answered: Answered | None = None
         self._told: tuple[int, GateCode] | None = None
         self._newest = -1
@@ -119,11 +118,14 @@ class AgentNode(Node):
         ]
         return waiting_for(self, "sim_node", ", ".join(missing)) if missing else ""
 
+    def _require(self, given: AgentParams) -> None:
+        self._pilot.require(given.in_force(self._trained).strategy(self._trained))
+
     def _on_change(self, given: AgentParams) -> None:
         params = given.in_force(self._trained)
+        self._pilot.adjust(params.strategy(self._trained))
         if self._arbiter is not None:
             self._arbiter.settings = params.safety()
-        self._pilot.adjust(params.strategy(self._trained))
         self._params = params
         if self._waiting is not None:
             self._waiting = self._waiting._replace(proposal=self._pilot.propose(self._waiting.observation))
@@ -285,14 +287,13 @@ def _say(response: Any, success: bool, message: str) -> Any:
     return response
 
 
-def _spin(node: AgentNode, stop: Event) -> None:
-    spin(node, stop, EventsExecutor(context=node.context))
-
-
 def main() -> None:
     """Run the node."""
     summary = "Drive the robot with a learned policy, one decision per state."
-    run_node(AgentNode, AgentParams, "agent_node", summary, _spin)
+    run_node(
+        AgentNode, AgentParams, "agent_node", summary,
+        lambda node, stop: spin(node, stop, EventsExecutor(context=node.context)),
+    )  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -5,6 +5,8 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
+from rled_msgs_py.errors import RledError
 from torch import Tensor
 
 from rled_agent.replay.replay import Replay
@@ -71,12 +73,32 @@ class NStepReplay(Replay):
         return self._replay.state_dict() | waiting
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from ``state``."""
+        """Go on from ``state``.
+
+        Raises:
+            RledError: it is of another buffer, or steps wait that cannot be.
+        """
+        columns = {name: state[f"waiting.{name}"].numpy() for name in KEPT}
+        _require_steps(columns, state["rows"].shape[-1], self._steps)
         self._replay.load_state_dict(state)
-        columns = (state[f"waiting.{name}"].numpy() for name in KEPT)
         self._window = deque(
             Step(s, a, float(r), float(d), following, Source(int(source)))
-            for s, a, r, d, following, source in zip(*columns, strict=True)
+            for s, a, r, d, following, source in zip(*columns.values(), strict=True)
+        )
+
+
+def _require_steps(columns: dict[str, NDArray[np.float32]], width: int, steps: int) -> None:
+    """Refuse what are no steps of rows of such a width."""
+    count = len(columns["reward"])
+    state, action = columns["observation"], columns["action"]
+    are_flat = all(columns[name].shape == (count,) for name in ("reward", "discount", "source"))
+    are_rows = (
+        state.shape == columns["next_observation"].shape and (2 * state.shape[-1] + action.shape[-1] + 3) == width
+    )
+    are_sources = set(columns["source"].ravel().tolist()) <= set(Source)
+    if count >= steps or not are_flat or not are_sources or (count and not are_rows):
+        raise RledError(
+            f"{count} steps that wait, of shape {state.shape}", f"{steps - 1} at most, of the replay's sizes"
         )
 
 

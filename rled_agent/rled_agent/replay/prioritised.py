@@ -1,10 +1,12 @@
 """Prioritised replay (Schaul et al., 2016): transitions of greater error are drawn more often, and weigh less."""
 
+import math
 from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from rled_msgs_py.errors import RledError
 from torch import Tensor
 
 from rled_agent.replay.replay import Replay
@@ -69,11 +71,22 @@ class PrioritisedReplay(Replay):
         return self._replay.state_dict() | {"priorities": leaves, "greatest": self._greatest}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from ``state``."""
+        """Go on from ``state``.
+
+        Raises:
+            RledError: it is of another buffer, or priorities are missing or negative.
+        """
+        leaves, greatest = state["priorities"].numpy(), state["greatest"]
+        if leaves.shape != state["rows"].shape[:1] or not (leaves >= 0.0).all() or (len(leaves) and not leaves.any()):
+            raise RledError(
+                f"priorities of shape {leaves.shape}", "one for each transition, 0 or more, not all of them 0"
+            )
+        if not isinstance(greatest, float) or not 0.0 < greatest < math.inf:
+            raise RledError(f"{str(greatest)[:40]} as the greatest priority", "a number above 0")
         self._replay.load_state_dict(state)
-        self._greatest = state["greatest"]
+        self._greatest = greatest
         self._sums[:] = 0.0
-        self._set_raised(np.arange(len(self)), state["priorities"].numpy())
+        self._set_raised(np.arange(len(self)), leaves)
 
     def _set(self, index: Array, priority: Array) -> None:
         self._set_raised(index, priority**self._alpha)

@@ -41,6 +41,7 @@ class Schedule:
     """steps between checkpoints, a multiple of log_every"""
 
     def __post_init__(self) -> None:
+        check_fields(self, "schedule.")
         for name in ("evaluate_every", "checkpoint_every"):
             value = getattr(self, name)
             if value % self.log_every:
@@ -92,7 +93,7 @@ class TrainConfig:
         if not isinstance(values, dict) or not {"method", "settings"} <= set(values):
             raise ContractError("config names no method with its settings", "a run that this version began")
         name, settings, rest = values["method"], values["settings"], {**values}
-        if name not in methods:
+        if not isinstance(name, str) or name not in methods:
             raise ContractError(f"config.method is '{str(name)[:80]}'", ", ".join(methods))
         del rest["method"], rest["settings"]
         method = from_object(methods[name], settings, "config.settings")

@@ -5,7 +5,6 @@ from typing import Any, Protocol, TypeAlias, runtime_checkable
 import gymnasium
 import numpy as np
 from numpy.typing import NDArray
-from rled_msgs_py.bags import Bag
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.task import TaskDescription
 
@@ -77,16 +76,21 @@ def environment_of(robot: str) -> str:
     return ENVIRONMENTS[robot]
 
 
-def require_robot_of(bag: Bag, env: str) -> None:
+def require_robot_of(demonstrations: TaskDescription, env: str, what: str) -> None:
     """Refuse demonstrations of another robot than an environment's.
 
+    Args:
+        demonstrations: their task.
+        env: name of the environment; one of somebody else has no robot.
+        what: they are in, for the error.
+
     Raises:
-        RledError: names the environment that fits the bag.
+        RledError: names the environment that fits them.
     """
     robot = next((each for each, name in ENVIRONMENTS.items() if name == env), None)
-    if robot is not None and bag.task.robot != robot:
-        what = f"bag {bag.path} is of robot {bag.task.robot}, env {env} of {robot}"
-        raise RledError(what, f"a bag of {robot}", f"or --env {environment_of(bag.task.robot)}")
+    if robot is not None and demonstrations.robot != robot:
+        found = f"{what} is of robot {demonstrations.robot}, env {env} of {robot}"
+        raise RledError(found, f"a bag of {robot}", f"or --env {environment_of(demonstrations.robot)}")
 
 
 def check_spaces(env: Environment, who: str) -> None:

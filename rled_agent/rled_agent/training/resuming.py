@@ -24,9 +24,10 @@ def require_same_run(began: dict[str, Any], now: dict[str, Any], folder: Path) -
     Raises:
         RledError: names what has changed, and what it was.
     """
-    if (was := began.get("config", {}).get("method")) is not None and was != now["config"]["method"]:
-        raise RledError(f"the method is {now['config']['method']}, and the run began with another", was, BEGIN_ANEW)
     before, after = _flat({part: began.get(part) for part in now}), _flat(now)
+    if (was := before.get("config.method")) is not None and was != after["config.method"]:
+        what = f"the method is {after['config.method']}, and the run began with another"
+        raise RledError(what, str(was)[:80], BEGIN_ANEW)
     if unshared := sorted(name for name in before.keys() ^ after.keys() if not name.startswith(SIMULATION)):
         what = f"the run in {folder} was begun by a version with other settings ({', '.join(unshared)[:300]})"
         raise RledError(what, "a run that this version began", BEGIN_ANEW)

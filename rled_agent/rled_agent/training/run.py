@@ -20,7 +20,7 @@ from rled_agent.nn.policy import Origin, Policy
 from rled_agent.nn.scaling import Scaling, scaling_of_bounds, scaling_of_points
 from rled_agent.replay.replay import Sampler
 from rled_agent.training.config import TrainConfig
-from rled_agent.training.environments import Environment, bounds, make_environment, task_of
+from rled_agent.training.environments import Environment, bounds, make_environment, require_robot_of, task_of
 from rled_agent.training.metrics import MetricsAccumulator
 from rled_agent.training.progress import Progress
 from rled_agent.training.run_directory import RunDirectory
@@ -100,6 +100,8 @@ def composed(
         RledError: settings, bag, weights and environment do not fit each other.
     """
     require_inputs(config, inputs)
+    if inputs.demonstrations is not None:
+        require_robot_of(inputs.demonstrations.task, config.env, "the bag")
     starts = inputs.demonstrations.starts if inputs.demonstrations is not None else None
     with contextlib.ExitStack() as stack:
         evaluation_env = stack.enter_context(contextlib.closing(make_environment(config, starts)))

@@ -121,13 +121,19 @@ def _descriptor(spec: Spec, default: Any) -> ParameterDescriptor:
     return descriptor
 
 
-def declare(node: Node, params: type[P], changed: Callable[[P], None] | None = None) -> P:
+def declare(
+    node: Node,
+    params: type[P],
+    changed: Callable[[P], None] | None = None,
+    accept: Callable[[P], None] = lambda _: None,
+) -> P:
     """Declare a dataclass's fields as ROS parameters and return their values.
 
     Args:
         node: the node.
         params: a frozen dataclass whose fields were made by ``param``.
         changed: called with the new record after an accepted change.
+        accept: called with the new record before a change; what it raises refuses the change.
 
     Raises:
         ContractError: a value given at the start is out of its range or of another type.
@@ -149,8 +155,8 @@ def declare(node: Node, params: type[P], changed: Callable[[P], None] | None = N
     def validate(proposed: list[Parameter]) -> SetParametersResult:
         mine = {each.name for each in known}
         try:
-            build(params, current() | {each.name: each.value for each in proposed if each.name in mine})
-        except (ContractError, TypeError) as error:
+            accept(build(params, current() | {each.name: each.value for each in proposed if each.name in mine}))
+        except (RledError, TypeError) as error:
             return refuse(error)
         return SetParametersResult(successful=True)
 

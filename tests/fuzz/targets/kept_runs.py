@@ -18,7 +18,7 @@ DOCUMENTS = {
     "motions": {"seen": {"expert": [[[0.1, 0.05, 0.01], [0.01]]]}},
 }
 DRAWINGS = (
-    Drawing("bands"),
+    Drawing("bins"),
     Drawing("episodes", "reward", "return"),
     Drawing("paths", "seen"),
     Drawing("curves", "reward"),

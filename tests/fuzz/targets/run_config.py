@@ -4,6 +4,7 @@ import json
 from functools import lru_cache
 from pathlib import Path
 
+from rled_agent.methods import methods
 from rled_agent.training.config import TrainConfig
 from rled_agent.training.run_directory import RunDirectory
 
@@ -26,5 +27,5 @@ def read(data: bytes, folder: Path) -> None:
     run.config_path.write_bytes(data)
     values = run.config()
     assert isinstance(values, dict), f"settings that are a {type(values).__name__}"
-    config = TrainConfig.from_dict(values.get("config", {}))
-    assert TrainConfig.from_dict(json.loads(json.dumps(config.to_dict()))) == config
+    config = TrainConfig.from_dict(values.get("config", {}), methods())
+    assert TrainConfig.from_dict(json.loads(json.dumps(config.to_dict())), methods()) == config

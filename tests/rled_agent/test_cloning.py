@@ -3,14 +3,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from rled_agent.data.demonstrations import RecordedTrajectories, open_demonstrations
-from rled_agent.learners.cloning import CurvePoint, ExpertConfig, clone_expert
+from rled_agent.data.demonstrations import Moves
+from rled_agent.data.opening import open_demonstrations
+from rled_agent.data.recorded import Answers, RecordedTrajectories
+from rled_agent.learners.cloning import CloningConfig, CurvePoint, clone_expert
 from rled_agent.nn.architecture import Architecture
 from rled_agent.nn.policy import load_policy
 from rled_msgs_py.errors import RledError
 
 SMALL = Architecture(hidden=(24, 24), activation="leaky_relu")
-SHORT = ExpertConfig(SMALL, steps=300, validate_every=100, batch_size=64)
+SHORT = CloningConfig(SMALL, steps=300, validate_every=100, batch_size=64)
 
 
 def clone(demonstrations, seed=0, config=SHORT):
@@ -39,12 +41,12 @@ def test_the_validation_loss_falls(planar_bag, source):
 def test_the_learning_rate_falls_to_zero_along_a_cosine(zeta, monkeypatch):
     rates: list[float] = []
     monkeypatch.setattr("rled_agent.learners.cloning.step", lambda optimizer, loss, rate: rates.append(rate))
-    clone(zeta, config=ExpertConfig(SMALL, learning_rate=0.01, steps=4, batch_size=8))
+    clone(zeta, config=CloningConfig(SMALL, learning_rate=0.01, steps=4, batch_size=8))
     assert rates == pytest.approx([0.01, 0.01 * (0.5 + 0.5**1.5), 0.005, 0.01 * (0.5 - 0.5**1.5)])
 
 
 def test_the_clone_acts_as_demonstrated(zeta):
-    config = ExpertConfig(Architecture(hidden=(48, 48), activation="leaky_relu"), steps=1500, validate_every=1500)
+    config = CloningConfig(Architecture(hidden=(48, 48), activation="leaky_relu"), steps=1500, validate_every=1500)
     policy, curve = clone(zeta, config=config)
     pairs = zeta.sample(1000, np.random.default_rng(5))
     error = np.square(policy.act(pairs.observations) - pairs.actions) / zeta.task.max_delta**2
@@ -53,7 +55,7 @@ def test_the_clone_acts_as_demonstrated(zeta):
 
 
 def test_the_curve_ends_with_the_last_step(zeta):
-    config = ExpertConfig(SHORT.architecture, steps=130, validate_every=50, batch_size=8)
+    config = CloningConfig(SHORT.architecture, steps=130, validate_every=50, batch_size=8)
     assert [point.step for point in clone(zeta, config=config)[1]] == [50, 100, 130]
 
 
@@ -78,17 +80,23 @@ def test_a_policy_saved_is_the_policy_learned(zeta, tmp_path: Path):
     assert loaded.task == zeta.task
 
 
+def answered(task, observations: np.ndarray, trajectory: np.ndarray) -> RecordedTrajectories:
+    """States that were answered with nothing, of which it is not known where they led to."""
+    nothing = (np.zeros((0, size)) for size in (2, 3, 3, 2, 2, 3, 3))
+    unknown = Moves(*nothing, np.zeros(0))
+    answers = Answers(observations, np.zeros((len(observations), 2)), trajectory)
+    return RecordedTrajectories(task, answers, unknown, np.zeros(0, dtype=np.int64))
+
+
 def test_too_few_trajectories_are_refused(task):
-    one = RecordedTrajectories(task, np.zeros((5, 4)), np.zeros((5, 2)), np.zeros(5, dtype=np.int64))
+    one = answered(task, np.zeros((5, 4)), np.zeros(5, dtype=np.int64))
     with pytest.raises(RledError, match="too few demonstrated trajectories"):
         clone(one)
 
 
 def test_a_loss_that_is_no_number_stops_the_cloning(zeta):
-    config = ExpertConfig(SHORT.architecture, learning_rate=1.0, steps=200, validate_every=10)
-    poisoned = RecordedTrajectories(
-        zeta.task, np.full((40, 4), np.nan), np.zeros((40, 2)), np.arange(40, dtype=np.int64)
-    )
+    config = CloningConfig(SHORT.architecture, learning_rate=1.0, steps=200, validate_every=10)
+    poisoned = answered(zeta.task, np.full((40, 4), np.nan), np.arange(40, dtype=np.int64))
     with pytest.raises(RledError, match="no number at step 10"):
         clone(poisoned, config=config)
 

@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from rled_agent.experiments.archive import Archive, KeptRun, is_record
 from rled_agent.experiments.experiment import Drawing, ExperimentError, RunName, read_experiment
-from rled_agent.experiments.records import read_bands, read_courses, read_episodes, read_experts
+from rled_agent.experiments.records import read_bins, read_episodes, read_experts, read_traces
 from rled_agent.training.tables import read_rows
 from rled_msgs_py.errors import RledError
 
@@ -19,9 +19,9 @@ JSON = st.recursive(
     max_leaves=9,
 )
 READERS = {
-    "evaluation": read_bands,
+    "evaluation": read_bins,
     "episodes": read_episodes,
-    "motions": lambda run: read_courses(run, "seen"),
+    "motions": lambda run: read_traces(run, "seen"),
     "expert": lambda run: read_experts(Drawing("curves", "evaluation_steps"), {"one": [run]}),
 }
 SHARED = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=80)
@@ -88,11 +88,11 @@ def test_figures_that_are_not_kept_are_named(name):
 
 def test_a_figure_that_is_no_number_is_refused():
     row = {"success": 1.0, "steps": 3.0, "path_length": 1.0, "jerk": None}
-    bands = read_bands(kept({"evaluation": {"seen": {"agent": row}}}))
+    bands = read_bins(kept({"evaluation": {"seen": {"agent": row}}}))
     assert math.isnan(bands["seen"]["agent"]["jerk"])
     for value in ("1", True, math.inf, [], {}):
         worse = kept({"evaluation": {"seen": {"agent": row | {"steps": value}}}})
-        assert "for a number" in said_by(lambda run=worse: read_bands(run))
+        assert "for a number" in said_by(lambda run=worse: read_bins(run))
 
 
 def test_a_metric_that_was_not_logged_is_named():

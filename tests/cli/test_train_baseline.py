@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rled_agent.cli import train_baseline
+from rled_agent.cli.train_baseline import Scaled
+from rled_agent.methods.td3 import TD3
+from rled_agent.nn.scaling import Scaling
 from rled_agent.training.config import TrainConfig
 from rled_agent.training.environments import make_environment
-from rled_agent.nn.scaling import Scaling
-from rled_agent.cli.train_baseline import Scaled
-
-from rled_agent.cli import train_baseline
 
 QUICK = [
     "--env",
@@ -35,15 +35,15 @@ def train(monkeypatch: pytest.MonkeyPatch, planar_bag: Path, tmp_path: Path) -> 
 
     def run(name: str, *options: object) -> Path:
         given = ["--bag", planar_bag, "--output", tmp_path / name, "--evaluation-episodes", 2, *QUICK, *options]
-        monkeypatch.setattr(sys, "argv", ["train_peer", *map(str, given)])
-        train_peer.main()
+        monkeypatch.setattr(sys, "argv", ["train_baseline", *map(str, given)])
+        train_baseline.main()
         return tmp_path / name
 
     return run
 
 
 @pytest.mark.parametrize("algorithm", ["td3", "sac"])
-def test_a_peers_run_has_settings_and_evaluations(train, algorithm) -> None:
+def test_a_baselines_run_has_settings_and_evaluations(train, algorithm) -> None:
     folder = train("run", "--algorithm", algorithm, "--gamma", 0.9)
     rows = list(csv.DictReader((folder / "metrics.csv").open()))
     assert [float(row["step"]) for row in rows] == [100.0, 200.0, 300.0]
@@ -53,7 +53,7 @@ def test_a_peers_run_has_settings_and_evaluations(train, algorithm) -> None:
     assert (settings["algorithm"], settings["gamma"], settings["seed"]) == (algorithm, 0.9, 0)
 
 
-def test_the_same_seed_gives_the_same_peer(train) -> None:
+def test_the_same_seed_gives_the_same_baseline(train) -> None:
     one, same, other, paid = (
         (train(name, *options) / "metrics.csv").read_bytes()
         for name, options in (
@@ -67,11 +67,11 @@ def test_the_same_seed_gives_the_same_peer(train) -> None:
     assert one not in (other, paid)
 
 
-def test_a_peer_sees_what_this_projects_networks_see() -> None:
-    env = make_environment(TrainConfig(env="rled/PlanarReach-v0"), None)
+def test_a_baseline_sees_what_this_projects_networks_see() -> None:
+    env = make_environment(TrainConfig(TD3(), env="rled/PlanarReach-v0"), None)
     center, scale = np.array([1.0, 2.0, 3.0, 4.0]), np.array([2.0, 4.0, 8.0, 16.0])
     scaled = Scaled(env, Scaling(center, scale, np.zeros(2), np.full(2, 0.05)), reward_scale=0.5)
-    plain = make_environment(TrainConfig(env="rled/PlanarReach-v0"), None)
+    plain = make_environment(TrainConfig(TD3(), env="rled/PlanarReach-v0"), None)
     np.testing.assert_allclose(scaled.reset(seed=3)[0], (plain.reset(seed=3)[0] - center) / scale, rtol=1e-5)
     observation, reward, *_ = scaled.step(np.array([0.5, -1.0]))
     expected, paid, *_ = plain.step(np.array([0.025, -0.05]))
@@ -89,7 +89,7 @@ def test_a_peer_sees_what_this_projects_networks_see() -> None:
         (["--bag", "/nowhere/bag"], "/nowhere/bag does not exist"),
     ],
 )
-def test_what_a_peer_cannot_learn_is_one_line(train, capsys, options, what) -> None:
+def test_what_a_baseline_cannot_learn_is_one_line(train, capsys, options, what) -> None:
     with pytest.raises(SystemExit) as ended:
         train("run", *options)
     (line,) = capsys.readouterr().err.splitlines()

@@ -1,18 +1,23 @@
+"""TD3 and DDPG: the update against a second writing of it, and targets worked out by hand."""
+
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 import torch
-from rled_agent.learners.td3 import Learner, LearnerConfig
+from rled_agent.learners.actor_losses import Cloning
+from rled_agent.learners.td3 import BatchPolicy, TD3Config, TD3Learner
 from rled_agent.nn.architecture import Architecture
 from rled_agent.nn.dropout import dropout_masks
 from rled_agent.nn.perceptron import Perceptron
-from rled_agent.replay.uniform import Batch
+from rled_agent.replay.transitions import Source, Transitions
+from rled_msgs_py.errors import RledError
 from torch import Tensor
 from torch.nn import functional
 
 SMALL = Architecture(hidden=(6, 5))
-TD3 = LearnerConfig(gamma=0.9, actor_rate=3e-3, critic_rate=2e-3, tau=0.05, actor=SMALL, critic=SMALL)
+TD3 = TD3Config(gamma=0.9, actor_rate=3e-3, critic_rate=2e-3, tau=0.05, actor=SMALL, critic=SMALL)
 DDPG = replace(TD3, critics=1, delay=1, target_noise=0.0)
 OBSERVATION, ACTION, ROWS = 4, 2, 8
 
@@ -21,20 +26,42 @@ def generator(seed: int = 0) -> torch.Generator:
     return torch.Generator().manual_seed(seed)
 
 
-def batches(count: int, demonstrated: int = 0) -> list[Batch]:
-    drawing = generator(11)
-    rows = [torch.randn(ROWS, 2 * OBSERVATION + ACTION + 2, generator=drawing) for _ in range(count)]
-    for each in rows:
-        each[:, OBSERVATION : OBSERVATION + ACTION].tanh_()
-        each[:, OBSERVATION + ACTION + 1] = (each[:, OBSERVATION + ACTION + 1] > 0.5).to(each.dtype)
-    return [Batch(each, OBSERVATION, ACTION, demonstrated) for each in rows]
+def transitions(observation, action, reward, discount, following, source=Source.AGENT) -> Transitions:
+    """A batch of rows, each of weight 1."""
+    size = len(observation)
+    sources = torch.full((size, 1), float(source))
+    return Transitions(
+        observation, action, reward, discount, following, sources, torch.ones(size, 1), torch.zeros(size).long()
+    )
+
+
+def batches(count: int, demonstrated: int = 0, gamma: float = 0.9) -> list[Transitions]:
+    """Random transitions, a third of them final, the last so many of each batch demonstrated."""
+    drawing, found = generator(11), []
+    for _ in range(count):
+        s, a, r, d, following = (
+            torch.randn(ROWS, width, generator=drawing) for width in (OBSERVATION, ACTION, 1, 1, OBSERVATION)
+        )
+        each = transitions(s, a.tanh(), r, gamma * (d < 0.5), following)
+        each.source[ROWS - demonstrated :] = Source.DEMONSTRATION
+        found.append(each)
+    return found
+
+
+class Case(NamedTuple):
+    """What is compared."""
+
+    config: TD3Config
+    cloning: Cloning = Cloning(0.0)
+    demonstrated: int = 0
+    weighted: bool = False
 
 
 class Reference:
     """The update written with autograd and torch.optim, weight by weight as in the papers."""
 
-    def __init__(self, learner: Learner, config: LearnerConfig, drawing: torch.Generator) -> None:
-        self.config, self.drawing, self.k = config, drawing, 0
+    def __init__(self, learner: TD3Learner, case: Case, drawing: torch.Generator) -> None:
+        self.config, self.cloning, self.drawing, self.k = case.config, case.cloning, drawing, 0
         nets = learner.networks()
         self.weights = {name: self.parts(nets[name]) for name in nets}
         for name in ("actor", "critic"):
@@ -65,7 +92,7 @@ class Reference:
     def act(self, name: str, s: Tensor, dropping: bool) -> Tensor:
         return torch.tanh(self.net(name, s, dropping=dropping))
 
-    def target(self, batch: Batch) -> Tensor:
+    def target(self, batch: Transitions) -> Tensor:
         config = self.config
         with torch.no_grad():
             a = self.act("target_actor", batch.next_observation, config.target_dropout)
@@ -75,7 +102,7 @@ class Reference:
             x = torch.cat([batch.next_observation, a], dim=1)
             q = torch.stack([self.net("target_critic", x, member) for member in range(config.critics)])
             lesser, reward = q.min(dim=0).values, config.reward_scale * batch.reward
-            return torch.where(batch.terminated > 0, reward, reward + config.gamma * lesser)
+            return reward + batch.discount * lesser
 
     def step(self, adam: torch.optim.Adam, loss: Tensor, rate: float) -> None:
         for group in adam.param_groups:
@@ -84,27 +111,29 @@ class Reference:
         loss.backward()
         adam.step()
 
-    def update(self, batch: Batch) -> None:
+    def update(self, batch: Transitions) -> None:
         config, y = self.config, self.target(batch)
         x = torch.cat([batch.observation, batch.action], dim=1)
-        errors = [functional.mse_loss(self.net("critic", x, member), y) for member in range(config.critics)]
+        errors = [
+            (batch.weight * (self.net("critic", x, member) - y).square()).mean() for member in range(config.critics)
+        ]
         self.step(self.critic_adam, sum(errors), config.critic_rate)
         if (self.k + 1) % config.delay == 0:
             self.step(self.actor_adam, self.actor_loss(batch), config.actor_rate)
             self.soften()
         self.k += 1
 
-    def actor_loss(self, batch: Batch) -> Tensor:
+    def actor_loss(self, batch: Transitions) -> Tensor:
         a = self.act("actor", batch.observation, dropping=True)
         q = self.net("critic", torch.cat([batch.observation, a], dim=1))
-        weight, d = self.config.cloning_weight, batch.demonstrated
+        weight, d = self.cloning.weight, int(batch.demonstrated.sum())
         if not weight:
             return -q.mean()
         loss = -q.mean() / q.abs().mean().detach()
         if d:
             s, demonstrated = batch.observation[-d:], batch.action[-d:]
             error = (a[-d:] - demonstrated).square().sum(dim=1)
-            if self.config.q_filter:
+            if self.cloning.q_filter:
                 better = self.net("critic", torch.cat([s, demonstrated], dim=1)) > q[-d:]
                 error = error * better[:, 0].detach()
             loss = loss + weight * error.mean()
@@ -118,27 +147,32 @@ class Reference:
                     target.copy_(tau * self.weights[name][key] + (1 - tau) * target)
 
 
+DROPPING = replace(SMALL, dropout=0.3)
+CASES = {
+    "ddpg": Case(DDPG),
+    "td3": Case(TD3),
+    "scaled rewards": Case(replace(TD3, reward_scale=0.125)),
+    "decaying rates": Case(replace(TD3, delay=3, rate_decay=4.0)),
+    "ddpg, decaying rates": Case(replace(DDPG, rate_decay=4.0)),
+    "actor dropout": Case(replace(TD3, actor=DROPPING)),
+    "target dropout": Case(replace(TD3, actor=DROPPING, target_dropout=True)),
+    "weighted": Case(TD3, weighted=True),
+    "cloning, filtered": Case(TD3, Cloning(0.7), 3),
+    "cloning": Case(TD3, Cloning(0.7, q_filter=False), 3),
+    "cloning, nothing demonstrated": Case(TD3, Cloning(0.7), 0),
+    "ddpg, cloning every row": Case(DDPG, Cloning(2.0), ROWS),
+}
+
+
 @pytest.mark.usefixtures("double")
-@pytest.mark.parametrize(
-    ("config", "demonstrated"),
-    [
-        pytest.param(DDPG, 0, id="ddpg"),
-        pytest.param(TD3, 0, id="td3"),
-        pytest.param(replace(TD3, reward_scale=0.125), 0, id="td3-scaled-rewards"),
-        pytest.param(replace(TD3, delay=3, rate_decay=4.0), 0, id="td3-decaying-rates"),
-        pytest.param(replace(DDPG, rate_decay=4.0), 0, id="ddpg-decaying-rates"),
-        pytest.param(replace(TD3, actor=replace(SMALL, dropout=0.3)), 0, id="td3-actor-dropout"),
-        pytest.param(replace(TD3, actor=replace(SMALL, dropout=0.3), target_dropout=True), 0, id="td3-target-dropout"),
-        pytest.param(replace(TD3, cloning_weight=0.7), 3, id="td3-cloning-filtered"),
-        pytest.param(replace(TD3, cloning_weight=0.7, q_filter=False), 3, id="td3-cloning"),
-        pytest.param(replace(DDPG, cloning_weight=2.0), ROWS, id="ddpg-cloning-every-row"),
-    ],
-)
-def test_updates_equal_those_of_autograd(config, demonstrated):
-    learner = Learner(OBSERVATION, ACTION, config, generator(3))
-    reference = Reference(learner, config, generator(5))
+@pytest.mark.parametrize("case", CASES.values(), ids=CASES)
+def test_updates_equal_those_of_the_second_writing(case):
+    learner = TD3Learner(OBSERVATION, ACTION, case.config, generator(3), case.cloning.loss())
+    reference = Reference(learner, case, generator(5))
     learner.generator.set_state(generator(5).get_state())
-    for batch in batches(12, demonstrated):
+    for batch in batches(12, case.demonstrated):
+        if case.weighted:
+            batch = batch._replace(weight=torch.linspace(0.1, 1.0, ROWS)[:, None])
         learner.update(batch)
         reference.update(batch)
     for name, network in learner.networks().items():
@@ -148,17 +182,17 @@ def test_updates_equal_those_of_autograd(config, demonstrated):
     assert torch.equal(learner.generator.get_state(), reference.drawing.get_state())
 
 
-def linear(critics: int = 2, **settings: object) -> Learner:
+def linear(critics: int = 2, proposal: BatchPolicy | None = None, **settings: object) -> TD3Learner:
     """Actor tanh(w s + b) and critics w s + v a + b, of one observation and one action; the online critics stay 0."""
     flat = Architecture(hidden=())
-    config = LearnerConfig(**{"critics": critics, "target_noise": 0.0, "critic_rate": 0.0, "tau": 0.0} | settings)
-    learner = Learner(1, 1, replace(config, actor=flat, critic=flat), generator())
+    config = TD3Config(**{"critics": critics, "target_noise": 0.0, "critic_rate": 0.0, "tau": 0.0} | settings)
+    learner = TD3Learner(1, 1, replace(config, actor=flat, critic=flat), generator(), proposal=proposal)
     for network in learner.networks().values():
         network.load_vector(0.0 * network.vector())
     return learner
 
 
-def set_target(learner: Learner, actor: tuple[float, float], *critics: tuple[float, float, float]) -> None:
+def set_target(learner: TD3Learner, actor: tuple[float, float], *critics: tuple[float, float, float]) -> None:
     """Weights (w, b) of the target actor, and (w, v, b) of each target critic."""
     parts = learner.target_actor.state_dict()
     parts["weights.0"].fill_(actor[0])
@@ -169,10 +203,11 @@ def set_target(learner: Learner, actor: tuple[float, float], *critics: tuple[flo
         parts["biases.0"][member] = b
 
 
-def y(learner: Learner, reward: float, terminated: bool, following: float) -> float:
-    """The target of one transition: the online critics say 0, so the loss is its square (it must be positive)."""
-    row = torch.tensor([[0.0, 0.0, reward, float(terminated), following]])
-    return float(learner.update(Batch(row, 1, 1)).critic_loss) ** 0.5
+def y(learner: TD3Learner, reward: float, terminated: bool, following: float, gamma: float | None = None) -> float:
+    """The target of one transition: the online critics say 0, so it is their error, the sign less."""
+    discount = (learner.config.gamma if gamma is None else gamma) * (1.0 - terminated)
+    parts = (torch.tensor([[each]]) for each in (0.0, 0.0, reward, discount, following))
+    return -float(learner.update(transitions(*parts)).td_error)
 
 
 def test_target_takes_the_lesser_of_the_two_critics():
@@ -196,8 +231,7 @@ def test_target_values_the_action_of_the_target_actor():
 
 
 def test_the_experts_action_counts_where_the_target_critics_prefer_it():
-    learner = linear(gamma=1.0, expert_bootstrap=True)
-    learner._expert = lambda following: 0.5 * following
+    learner = linear(gamma=1.0, proposal=lambda following: 0.5 * following)
     set_target(learner, (0.0, 0.25), (0.0, 10.0, 0.0), (0.0, 10.0, 0.0))
     own = 10.0 * 0.24491866240370913  # tanh(0.25)
     assert y(learner, 5.0, False, 0.4) == pytest.approx(5.0 + own)  # the expert's 0.2 is worth 2
@@ -220,17 +254,17 @@ def test_no_value_follows_a_terminated_transition():
 
 
 def test_smoothing_noise_is_clipped():
-    learner = linear(gamma=1.0, target_noise=1e6, target_clip=0.5)
-    set_target(learner, (0.0, 0.0), (0.0, 4.0, 0.0), (0.0, -4.0, 0.0))
-    # a' = 0 plus or minus 0.5: the lesser of 4 a' and -4 a' is -2
+    learner = linear(gamma=1.0, target_noise=10.0, target_clip=0.005)
+    set_target(learner, (0.0, 0.0), (0.0, 400.0, 0.0), (0.0, -400.0, 0.0))
+    # a' = 0 plus or minus 0.005: the lesser of 400 a' and -400 a' is -2
     assert [y(learner, 5.0, False, 0.0) for _ in range(10)] == pytest.approx([3.0] * 10)
 
 
 def test_smoothed_actions_stay_within_their_bounds():
-    learner = linear(gamma=1.0, target_noise=1e6, target_clip=0.5)
-    set_target(learner, (0.0, 100.0), (0.0, 4.0, 0.0), (0.0, 4.0, 0.0))
-    # a' = 1 plus or minus 0.5, clipped to 1
-    seen = {round(y(learner, 5.0, False, 0.0), 4) for _ in range(40)}
+    learner = linear(gamma=1.0, target_noise=10.0, target_clip=0.005)
+    set_target(learner, (0.0, 100.0), (0.0, 400.0, -396.0), (0.0, 400.0, -396.0))
+    # a' = 1 plus or minus 0.005, clipped to 1: 400 a' - 396 is 4 or 2
+    seen = {round(y(learner, 5.0, False, 0.0), 3) for _ in range(40)}
     assert seen == {7.0, 9.0}
 
 
@@ -246,13 +280,13 @@ def test_smoothing_noise_has_its_deviation():
 def test_target_actor_drops_units_only_where_the_settings_say_so(target_dropout):
     dropping = Architecture(hidden=(64,), dropout=0.5)
     config = replace(TD3, actor=dropping, target_noise=0.0, target_dropout=target_dropout, delay=1000, critic_rate=0.0)
-    learner, (batch,) = Learner(OBSERVATION, ACTION, config, generator()), batches(1)
-    losses = {float(learner.update(batch).critic_loss) for _ in range(5)}
+    learner, (batch,) = TD3Learner(OBSERVATION, ACTION, config, generator()), batches(1)
+    losses = {float(learner.update(batch).metrics["critic_loss"].mean()) for _ in range(5)}
     assert len(losses) == (5 if target_dropout else 1)
 
 
 def test_actor_and_targets_wait_for_the_delay():
-    learner = Learner(OBSERVATION, ACTION, replace(TD3, delay=3), generator())
+    learner = TD3Learner(OBSERVATION, ACTION, replace(TD3, delay=3), generator())
 
     def weights() -> dict[str, Tensor]:
         return {name: torch.from_numpy(network.vector()) for name, network in learner.networks().items()}
@@ -270,61 +304,89 @@ def test_targets_move_the_share_tau_of_the_way():
     learner = linear(delay=1, tau=0.25, actor_rate=0.0)
     learner.actor.load_vector(np.full(2, 4.0, np.float32))
     learner.critic.load_vector(np.full(6, -8.0, np.float32))
-    learner.update(Batch(torch.zeros(3, 5), 1, 1))
+    learner.update(transitions(*torch.zeros(5, 3, 1)))
     assert (learner.target_actor.vector() == 1.0).all()
     assert (learner.target_critic.vector() == -2.0).all()
 
 
 def test_targets_begin_as_copies():
-    learner = Learner(OBSERVATION, ACTION, TD3, generator())
+    learner = TD3Learner(OBSERVATION, ACTION, TD3, generator())
     assert (learner.actor.vector() == learner.target_actor.vector()).all()
     assert (learner.critic.vector() == learner.target_critic.vector()).all()
     assert learner.actor.weights[0].data_ptr() != learner.target_actor.weights[0].data_ptr()
 
 
 def test_twin_critics_begin_apart():
-    weight = Learner(OBSERVATION, ACTION, TD3, generator()).critic.weights[0]
+    weight = TD3Learner(OBSERVATION, ACTION, TD3, generator()).critic.weights[0]
     assert not torch.equal(weight[0], weight[1])
 
 
-def test_metrics_are_the_loss_and_the_value_before_the_step():
-    learner, (batch,) = Learner(OBSERVATION, ACTION, replace(DDPG, gamma=0.0), generator()), batches(1)
+def test_the_value_after_several_steps_counts_as_the_transition_says():
+    learner = linear(gamma=0.5)
+    set_target(learner, (0.0, 0.0), (2.0, 0.0, 1.0), (2.0, 0.0, 1.0))
+    assert y(learner, 5.0, False, 1.0, gamma=0.125) == pytest.approx(5.0 + 0.125 * 3.0)
+
+
+def test_metrics_and_errors_are_those_before_the_step():
+    learner, (batch,) = TD3Learner(OBSERVATION, ACTION, TD3, generator()), batches(1, gamma=0.0)
     q = learner.critic(torch.cat([batch.observation, batch.action], dim=1)).detach()
-    metrics = learner.update(batch)
-    assert metrics.q == pytest.approx(float(q.mean()), rel=1e-4)
-    assert metrics.critic_loss == pytest.approx(float((q[0] - batch.reward).square().mean()), rel=1e-5)
+    td_error, metrics = learner.update(batch)
+    assert set(metrics) == {"critic_loss", "q"}
+    assert float(metrics["q"].mean()) == pytest.approx(float(q.mean()), rel=1e-4)
+    assert float(metrics["critic_loss"].mean()) == pytest.approx(float((q - batch.reward).square().mean()), rel=1e-5)
+    torch.testing.assert_close(td_error, (q - batch.reward).mean(dim=0)[:, 0])  # of the two critics
+    assert not any(each.requires_grad for each in (td_error, *metrics.values()))
 
 
 def test_same_generator_state_gives_the_same_updates():
     dropping = replace(TD3, actor=replace(SMALL, dropout=0.2))
-    learners = [Learner(OBSERVATION, ACTION, dropping, generator(2)) for _ in range(2)]
+    learners = [TD3Learner(OBSERVATION, ACTION, dropping, generator(2)) for _ in range(2)]
     for learner in learners:
         for batch in batches(5):
             learner.update(batch)
-    one, same = (learner.tensors() for learner in learners)
-    assert all(torch.equal(one[name], same[name]) for name in one)
+    assert_same(*learners)
 
 
-def test_its_tensors_and_counter_are_all_its_state():
-    one, other = (Learner(OBSERVATION, ACTION, replace(TD3, rate_decay=3.0), generator(seed)) for seed in (1, 2))
+def assert_same(one: TD3Learner, other: TD3Learner) -> None:
+    left, right = one.state_dict(), other.state_dict()
+    assert left.keys() == right.keys()
+    assert left.pop("updates") == right.pop("updates")
+    assert all(torch.equal(left[name], right[name]) for name in left)
+
+
+def test_its_state_and_that_of_its_generator_are_all_there_is():
+    one, other = (TD3Learner(OBSERVATION, ACTION, replace(TD3, rate_decay=3.0), generator(seed)) for seed in (1, 2))
     for batch in batches(3):
         one.update(batch)
-    for name, tensor in one.tensors().items():
-        other.tensors()[name].copy_(tensor)
-    other.updates = one.updates
+    other.load_state_dict(one.state_dict())
+    assert other.updates == 3
     other.generator.set_state(one.generator.get_state())
     for learner in (one, other):
         for batch in batches(4):
             learner.update(batch)
-    assert all(torch.equal(tensor, other.tensors()[name]) for name, tensor in one.tensors().items())
+    assert_same(one, other)
+
+
+def test_the_state_of_other_networks_is_refused_and_nothing_changed():
+    learner = TD3Learner(OBSERVATION, ACTION, TD3, generator())
+    before = learner.actor.vector()
+    wider = replace(TD3, critic=Architecture(hidden=(6, 9)))
+    for other in (replace(TD3, critics=1), wider):
+        with pytest.raises(RledError, match=r"it holds \(.*\) as critic\.weights\.\d; accepted: \("):
+            learner.load_state_dict(TD3Learner(OBSERVATION, ACTION, other, generator(1)).state_dict())
+    state = TD3Learner(OBSERVATION, ACTION, TD3, generator(1)).state_dict()
+    del state["critic_adam.weights.0.exp_avg"]
+    with pytest.raises(RledError, match=r"it holds nothing as critic_adam\.weights\.0\.exp_avg"):
+        learner.load_state_dict(state)
+    assert (learner.actor.vector() == before).all()
 
 
 def test_learning_finds_the_best_action_of_a_bandit():
     settings = Architecture(hidden=(32, 32))
-    config = LearnerConfig(gamma=0.0, actor_rate=3e-3, critic_rate=3e-3, actor=settings, critic=settings)
-    learner, drawing = Learner(1, 1, config, generator(0)), generator(1)
+    config = TD3Config(gamma=0.0, actor_rate=3e-3, critic_rate=3e-3, actor=settings, critic=settings)
+    learner, drawing = TD3Learner(1, 1, config, generator(0)), generator(1)
     for _ in range(400):
         a = torch.rand(64, 1, generator=drawing) * 2 - 1
-        rows = torch.cat([torch.zeros(64, 1), a, -(a - 0.4).square(), torch.ones(64, 1), torch.zeros(64, 1)], dim=1)
-        learner.update(Batch(rows, 1, 1))
+        nothing = torch.zeros(64, 1)
+        learner.update(transitions(nothing, a, -(a - 0.4).square(), nothing, nothing))
     assert learner.actor(torch.zeros(1, 1)).item() == pytest.approx(0.4, abs=0.1)

@@ -1,0 +1,141 @@
+"""What the learner process begins with, learns from and keeps."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from rled_agent.deploy.learner_process import LearnerProcess, Options
+from rled_agent.deploy.online_learning import OnlineLearning
+from rled_agent.deploy.step_pipe import Numbered, to_row
+from rled_agent.learners.td3 import TD3Config
+from rled_agent.methods import Problem
+from rled_agent.methods.td3 import TD3
+from rled_agent.nn.architecture import Architecture
+from rled_agent.nn.policy import load_policy
+from rled_agent.nn.tensor_file import TensorFileError
+from rled_agent.replay.transitions import Source, Step
+from rled_agent.training.config import Schedule, TrainConfig
+from rled_agent.training.learning_state import learning_state, pack
+from rled_agent.training.run_directory import RunDirectory
+from rled_msgs_py.errors import RledError
+
+TINY = Architecture(hidden=(6,))
+CONFIG = TD3Config(actor=TINY, critic=TINY)
+
+
+@pytest.mark.parametrize("settings", [{"layer_norm": True}, {"dropout": 0.2}, {"activation": "leaky_relu"}])
+def test_it_begins_with_the_very_network_of_the_policy(make_policy, tmp_path, settings):
+    make_policy(**settings).save(tmp_path / "policy")
+    policy = load_policy(tmp_path / "policy")
+    process = LearnerProcess(Options(tmp_path / "policy", "slot", tmp_path / "state"))
+    for network in (process.learner.actor, process.learner.target_actor):
+        assert network.architecture == policy.network.architecture
+        assert (network.vector() == policy.network.vector()).all()
+
+
+def steps(count: int, seed: int = 0, first: int = 0, **parts: object) -> np.ndarray:
+    """Rows of steps in one episode."""
+    drawing, rows = np.random.default_rng(seed), []
+    for k in range(count):
+        state, action, following = (drawing.normal(size=size).astype(np.float32) for size in (4, 2, 4))
+        rows.append(to_row(Numbered(Step(state, action, -1.0, 1.0, following)._replace(**parts), first + k)))
+    return np.array(rows)
+
+
+def test_gradient_steps_are_owed_for_transitions(make_policy, tmp_path):
+    make_policy().save(tmp_path / "policy")
+    RunDirectory(tmp_path).create({"config": TrainConfig(TD3(), schedule=Schedule(capacity=30)).to_dict()})
+    options = Options(tmp_path / "policy", "slot", tmp_path / "state", train_after=10, updates_per_step=0.5)
+    process = LearnerProcess(options)
+    for rows, owed in ((steps(10), 0), (steps(7), 4), (steps(1), 0), (steps(20), 10)):
+        process.add(rows)
+        begun = process.learner.updates
+        while process.is_due():
+            process.update()
+        assert process.learner.updates - begun == owed
+    assert len(process.learning.replay) == 30
+
+
+def test_transitions_are_counted_with_the_methods_discount(make_policy, tmp_path):
+    make_policy().save(tmp_path / "policy")
+    RunDirectory(tmp_path).create({"config": TrainConfig(TD3(learner=TD3Config(gamma=0.5))).to_dict()})
+    process = LearnerProcess(Options(tmp_path / "policy", "slot", tmp_path / "state"))
+    process.add(np.concatenate([steps(1), steps(1, discount=0.0, is_last=True), steps(1, source=Source.EXPERT)]))
+    kept = process.learning.replay.rows[:3]
+    assert kept[:, 7].tolist() == [0.5, 0.0, 0.5]
+    assert kept[:, -1].tolist() == [Source.AGENT, Source.AGENT, Source.EXPERT]
+    np.testing.assert_array_equal(kept[0, :4], steps(1)[0, :4])
+    np.testing.assert_array_equal(kept[0, 8:12], steps(1)[0, 6:10])
+
+
+def test_it_goes_on_from_the_run_of_the_policy(make_policy, tmp_path):
+    policy, run = make_policy(), RunDirectory(tmp_path)
+    policy.save(run.policy_path)
+    settings = replace(CONFIG, gamma=0.5, actor=policy.network.architecture)
+    config = TrainConfig(TD3(learner=settings), schedule=Schedule(capacity=50))
+    run.create({"config": config.to_dict()})
+    problem = Problem(4, 2, 50, np.random.default_rng(7), torch.Generator().manual_seed(7))
+    learning = config.method.learning(problem)
+    learning.replay.rows[:40], learning.replay.added, learning.learner.updates = 1.0, 40, 33
+    run.save(pack(**learning_state(learning)))
+
+    process = LearnerProcess(Options(run.policy_path, "slot", tmp_path / "state"))
+    assert process.learner.config == settings
+    assert (process.learner.critic.vector() == learning.learner.critic.vector()).all()
+    assert (process.learning.replay.added, process.learner.updates) == (40, 33)
+    assert not process.is_due()
+    process.add(steps(1))
+    assert process.is_due()
+
+
+def test_what_a_person_did_is_learned_from_at_once_and_kept(make_policy, tmp_path, monkeypatch):
+    make_policy().save(tmp_path / "policy")
+    options = Options(tmp_path / "policy", "slot", tmp_path / "state", train_after=0, person_share=0.25)
+    process, batches = LearnerProcess(options), []
+    update = process.learner.update
+
+    def watched(batch):
+        batches.append(batch)
+        return update(batch)
+
+    monkeypatch.setattr(process.learner, "update", watched)
+    process.add(steps(40))
+    process.update()
+    process.add(by_person := steps(3, seed=1, first=40, source=Source.HUMAN))
+    process.update()
+    before, after = batches
+    assert len(before.reward) == len(after.reward)
+    quarter = len(after.reward) // 4
+    assert not before.demonstrated.any()
+    assert after.demonstrated[-quarter:].all()
+    shown = {tuple(row[:4]) for row in by_person.tolist()}
+    assert {tuple(row) for row in after.observation[-quarter:].tolist()} == shown
+    process.save()
+    again = LearnerProcess(options)
+    assert (again.learning.replay.added, len(again.by_person)) == (43, 3)
+    np.testing.assert_array_equal(again.by_person.rows, process.by_person.rows)
+
+
+def test_learning_does_not_go_on_with_what_another_policy_has_learned(make_policy, tmp_path):
+    state, began, copied, other = (tmp_path / name for name in ("state", "began", "copied", "other"))
+    make_policy(0, dropout=0.1).save(began)
+    make_policy(0, dropout=0.1).save(copied)
+    make_policy(1, dropout=0.1).save(other)
+    LearnerProcess(Options(began, "slot", state)).save()
+    LearnerProcess(Options(copied, "slot", state))
+    said = f"holds what another policy than {other} has learned; accepted: .*; go on with --agent {began}, or name"
+    with pytest.raises(TensorFileError, match=said):
+        LearnerProcess(Options(other, "slot", state))
+    with pytest.raises(TensorFileError, match=said):
+        OnlineLearning(load_policy(other), str(other), str(state), "low").start()
+
+
+def test_learning_does_not_begin_where_its_state_cannot_be_kept(make_policy, tmp_path):
+    (tmp_path / "file").touch()
+    make_policy().save(tmp_path / "policy")
+    learning = OnlineLearning(
+        load_policy(tmp_path / "policy"), str(tmp_path / "policy"), str(tmp_path / "file" / "state"), "low"
+    )
+    with pytest.raises(RledError, match=f"{tmp_path / 'file'} is no folder; .*name another --learning-state"):
+        learning.start()

@@ -1,0 +1,128 @@
+"""What a run is composed of, and what it cannot do without."""
+
+from contextlib import ExitStack
+from dataclasses import replace
+
+import gymnasium
+import numpy as np
+import pytest
+from rled_agent.data.opening import open_demonstrations
+from rled_agent.learners.td3 import TD3Config
+from rled_agent.methods import methods
+from rled_agent.methods.biased_exploration import BiasedExploration
+from rled_agent.methods.mc_rled import MCRLED
+from rled_agent.methods.td3 import TD3
+from rled_agent.nn.architecture import Architecture
+from rled_agent.nn.policy import GateSettings, Origin, load_policy
+from rled_agent.training.config import Schedule, TrainConfig
+from rled_agent.training.run import Inputs, composed
+from rled_msgs_py.errors import RledError
+from rled_sim.robots import ROBOTS
+from rled_sim.tasks import reach_task
+
+TINY = Architecture(hidden=(8,))
+LEARNER = TD3Config(actor=TINY, critic=TINY)
+SCHEDULE = Schedule(capacity=100)
+PLANAR = "rled/PlanarReach-v0"
+GATE = MCRLED(measure="iqr", threshold=0.5, passes=7, learner=replace(LEARNER, actor=replace(TINY, dropout=0.1)))
+
+
+@pytest.fixture
+def inputs(planar_bag, make_policy) -> Inputs:
+    return Inputs(open_demonstrations(planar_bag, "points"), make_policy())
+
+
+def refused(config: TrainConfig, given: Inputs) -> str:
+    with pytest.raises(RledError) as caught, composed(config, given):
+        pass
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("name", methods())
+def test_a_method_that_lacks_what_it_needs_is_refused_by_its_name(inputs, name):
+    method = methods()[name]
+    lacking = {
+        "expert": inputs._replace(expert=None),
+        "demonstrations": inputs._replace(demonstrations=None),
+    }
+    for need in method.needs:
+        said = refused(TrainConfig(method(), env=PLANAR, schedule=SCHEDULE), lacking[need])
+        assert said.startswith(f"{name} lacks {need}; accepted: --bag and --expert; record a bag with record_demos")
+    if len(method.needs) == 2:
+        assert f"{name} lacks {' and '.join(method.needs)}; " in refused(TrainConfig(method(), env=PLANAR), Inputs())
+    if not method.needs:
+        with composed(TrainConfig(method(learner=LEARNER), env=PLANAR, schedule=SCHEDULE), Inputs()) as run:
+            assert run.expert is None
+
+
+@pytest.mark.parametrize("name", [name for name, method in methods().items() if not method.needs])
+def test_a_method_that_does_not_serve_the_action_space_is_named(name):
+    said = refused(TrainConfig(methods()[name](), env="CartPole-v1", reward="own"), Inputs())
+    assert said == f"{name} cannot serve the action space Discrete(2); accepted: a Box of one dimension"
+
+
+def test_a_gate_asks_for_an_actor_that_drops_units(inputs):
+    said = refused(TrainConfig(replace(GATE, learner=LEARNER), env=PLANAR, schedule=SCHEDULE), inputs)
+    assert said == "the actor drops no units; accepted: dropout above 0; give learner.actor.dropout"
+
+
+def test_an_expert_or_a_bag_of_another_robot_is_refused(inputs, make_policy):
+    other = make_policy(task=reach_task(ROBOTS["panda"]).description)
+    method = BiasedExploration(learner=LEARNER)
+    said = refused(TrainConfig(method, env="rled/PandaReach-v0"), inputs._replace(expert=other))
+    assert said.startswith(
+        "the bag is of robot planar, env rled/PandaReach-v0 of panda; accepted: a bag of panda; or --env"
+    )
+    said = refused(TrainConfig(method, env=PLANAR), inputs._replace(expert=other))
+    assert said.startswith("the expert is for robot panda; accepted: planar")
+
+
+def test_environments_are_closed_after_the_run_and_when_it_is_refused(inputs, monkeypatch):
+    closed, config = [], TrainConfig(GATE, env=PLANAR, schedule=SCHEDULE)
+    close = gymnasium.Wrapper.close
+    monkeypatch.setattr(gymnasium.Wrapper, "close", lambda env: (closed.append(env.unwrapped), close(env))[1])
+    with composed(config, inputs) as run:
+        assert run.trainer.env.unwrapped is not run.trainer.evaluation_env.unwrapped
+        assert not closed
+        used = {run.trainer.env.unwrapped, run.trainer.evaluation_env.unwrapped}
+    assert set(closed) == used
+    closed.clear()
+    refused(replace(config, method=replace(GATE, learner=LEARNER)), inputs)
+    assert len(set(closed)) == 2
+
+
+def test_another_environment_may_be_acted_in(inputs):
+    made = []
+
+    def wrap(evaluation_env):
+        made.append(evaluation_env)
+        return gymnasium.make(PLANAR)
+
+    with composed(TrainConfig(GATE, env=PLANAR, schedule=SCHEDULE), inputs, wrap) as run:
+        assert made == [run.trainer.evaluation_env]
+        assert run.trainer.env is not run.trainer.evaluation_env
+
+
+def test_the_policy_says_how_it_was_made(inputs, tmp_path):
+    with ExitStack() as stack:
+        configs = [TrainConfig(method, env=PLANAR, schedule=SCHEDULE) for method in (GATE, TD3(learner=LEARNER))]
+        gated, plain = (stack.enter_context(composed(config, inputs)) for config in configs)
+        assert gated.policy().origin == Origin("mc_rled", GateSettings("iqr", 0.5, 7, "dropout"))
+        assert plain.policy().origin == Origin("td3", None)
+        assert gated.policy().critic is None
+        gated.policy().save(tmp_path / "policy")
+        observations = np.random.default_rng(0).uniform(-1, 1, (5, 4))
+        expected = gated.policy().act(observations)
+        np.testing.assert_array_equal(load_policy(tmp_path / "policy").act(observations), expected)
+    pendulum = TrainConfig(TD3(learner=LEARNER), env="Pendulum-v1", reward="own", schedule=SCHEDULE)
+    with composed(pendulum, Inputs()) as run:
+        assert run.policy() is None
+
+
+def test_episodes_start_where_the_demonstrations_do(inputs):
+    with composed(TrainConfig(GATE, env=PLANAR, schedule=SCHEDULE), inputs) as run:
+        starts = {tuple(row) for row in inputs.demonstrations.starts.round(9).tolist()}
+        for seed in range(5):
+            run.trainer.env.reset(seed=seed)
+            assert tuple(np.round(run.trainer.env.unwrapped.simulation.plant.q, 9).tolist()) in starts
