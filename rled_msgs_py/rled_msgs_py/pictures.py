@@ -13,10 +13,19 @@ from rled_msgs_py.files import whole_file
 @contextmanager
 def picture(path: Path, width: float = 7.0, height: float = 4.5) -> Iterator[Axes]:
     """Axes whose picture is written to ``path`` when the block ends."""
-    figure = Figure(figsize=(width, height), layout="constrained")
-    axes = figure.add_subplot()
-    axes.grid(alpha=0.3)
-    yield axes
+    with stacked(path, 1, width, height) as (axes,):
+        yield axes
+
+
+@contextmanager
+def stacked(path: Path, count: int, width: float = 7.0, height: float = 4.5) -> Iterator[list[Axes]]:
+    """Several axes, one above the other, whose picture is written to ``path`` when the block ends."""
+    figure = Figure(figsize=(width, count * height), layout="constrained")
+    parts = figure.subfigures(count, 1, squeeze=False)[:, 0]
+    all_axes = [part.add_subplot() for part in parts]
+    for axes in all_axes:
+        axes.grid(alpha=0.3)
+    yield all_axes
     with whole_file(path) as temporary:
         figure.savefig(temporary, dpi=120)
 

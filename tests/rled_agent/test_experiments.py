@@ -339,8 +339,8 @@ def test_the_cloned_expert_stands_beside_the_curves_of_an_evaluation(tmp_path):
     rows = table(drawing, {"learned": runs}).splitlines()
     assert rows[2].startswith("| learned | 10.5 (10 to 11) | 50.2 (50 to 50.5) | 2 |")
     assert rows[3] == "| cloned | 51 (50 to 52) | 51 (50 to 52) | 2 | never, 0 |"
-    draw(tmp_path / "with.png", drawing, {"learned": runs}, "Beside it")
-    draw(tmp_path / "without.png", replace(drawing, cloning=""), {"learned": runs}, "Beside it")
+    draw(tmp_path / "with.png", [drawing], {"learned": runs}, "Beside it")
+    draw(tmp_path / "without.png", [replace(drawing, cloning="")], {"learned": runs}, "Beside it")
     assert (tmp_path / "with.png").read_bytes() != (tmp_path / "without.png").read_bytes()
 
 
@@ -355,7 +355,7 @@ def test_whole_episodes_are_compared_with_the_experts(tmp_path):
     late, in_time = table(drawing, variants).splitlines()[2:]
     assert late == "| late | 15 (15 to 15) | 15 (10 to 20) | 0.5 (0.5 to 0.5) | 15 (15 to 15) | 8 (8 to 8) | 2 |"
     assert in_time.startswith("| in time | 15 (15 to 15) | 10 (10 to 10) |")
-    draw(tmp_path / "late.png", drawing, variants, "Late")
+    draw(tmp_path / "late.png", [drawing], variants, "Late")
     assert (tmp_path / "late.png").read_bytes()[:4] == b"\x89PNG"
 
 
@@ -372,7 +372,7 @@ def test_experts_of_several_variants_are_told_apart(tmp_path):
         *(["| seen", "few"], ["| seen", "many, expert"], ["| seen", "many"], ["| unseen", "few, expert"]),
     ]
     assert table(Drawing("bins"), few).splitlines()[2].startswith("| seen | expert | 0.25")
-    draw(tmp_path / "bands.png", Drawing("bins"), few | many, "Bands")
+    draw(tmp_path / "bands.png", [Drawing("bins")], few | many, "Bands")
     assert (tmp_path / "bands.png").read_bytes()[:4] == b"\x89PNG"
 
 
@@ -384,7 +384,7 @@ def test_long_labels_stay_within_the_picture(tmp_path):
         for k in range(7)
     }
     label = "a metric whose name says at length what is measured, where, and over how many steps the mean is taken"
-    draw(tmp_path / "long.png", Drawing("curves", "reward", label), variants, "Long labels")
+    draw(tmp_path / "long.png", [Drawing("curves", "reward", label)], variants, "Long labels")
     pixels = imread(tmp_path / "long.png")[..., :3]
     assert pixels[:, [0, -1]].min() == 1.0  # white at both sides
 

@@ -93,10 +93,11 @@ def _section(library: Library, experiment: Experiment) -> str:
     parts.append(f"*Verdict:* **{VERDICTS[experiment.verdict]}**. {experiment.reason}".rstrip() + "\n\n")
     parts.append(f"*Settings:* {experiment.settings or source.settings}\n\n")
     parts.append(_effort(source, runs, kept))
-    for k, drawing in enumerate(experiment.drawings if variants else []):
-        path = FIGURES / f"{experiment.name}{f'-{k + 1}' if len(experiment.drawings) > 1 else ''}.png"
-        draw(path, drawing, variants, _heading(experiment))
-        parts.append(f"![{_heading(experiment)}](results/figures/{path.name})\n\n{table(drawing, variants)}\n")
+    if variants and experiment.drawings:
+        path = FIGURES / f"{experiment.name}.png"
+        draw(path, experiment.drawings, variants, _heading(experiment))
+        parts.append(f"![{_heading(experiment)}](results/figures/{path.name})\n\n")
+        parts += [f"{table(drawing, variants)}\n" for drawing in experiment.drawings]
     return "".join(parts)
 
 

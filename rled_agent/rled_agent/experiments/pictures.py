@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
-from rled_msgs_py.pictures import picture
+from rled_msgs_py.pictures import stacked
 
 from rled_agent.experiments.archive import Runs
 from rled_agent.experiments.experiment import Drawing, Kind
@@ -20,11 +20,12 @@ LINE, HANDLE, LABEL = 100, 8, 40
 """Letters across a picture, what the line before a legend's text takes of them, and letters along an axis."""
 
 
-def draw(path: Path, drawing: Drawing, variants: Runs, title: str) -> None:
-    """Write one picture as PNG."""
-    with picture(path, 8.0, 5.0) as axes:
-        DRAW[drawing.kind](axes, drawing, variants)
-        axes.set_title(title, fontsize=10)
+def draw(path: Path, drawings: Sequence[Drawing], variants: Runs, title: str) -> None:
+    """Write the drawings of an experiment as one PNG, one above the other."""
+    with stacked(path, len(drawings), 8.0, 5.0) as all_axes:
+        for axes, drawing in zip(all_axes, drawings, strict=True):
+            DRAW[drawing.kind](axes, drawing, variants)
+        all_axes[0].set_title(title, fontsize=10)
 
 
 def _draw_curves(axes: Axes, drawing: Drawing, variants: Runs) -> None:
