@@ -283,7 +283,7 @@ def test_train_expert_leaves_faulty_and_poor_episodes_out_and_says_so(tmp_path):
     everything = open_demonstrations(planar, "trajectories")
     best = open_demonstrations(planar, "trajectories", 0.95, lines.append)
     scores = np.array([quality.score for quality in review(Bag(planar)).qualities])
-    assert len(np.unique(best.trajectory)) == (scores >= 0.95).sum()
+    assert len(np.unique(best.answers.trajectory)) == (scores >= 0.95).sum()
     assert 0 < len(best) < len(everything)
     assert len(lines) == 1
     assert lines[0].endswith(": quality below 0.95")
@@ -305,7 +305,7 @@ def test_train_expert_leaves_out_just_the_moments_of_a_loss(tmp_path):
     lines = list[str]()
     left = open_demonstrations(tmp_path / "bag", "trajectories", 0.0, lines.append)
     assert len(left) == len(open_demonstrations(BAGS / "planar_lemniscate", "trajectories")) - 2
-    assert len(np.unique(left.trajectory)) == 201  # one of 200 is in two pieces
+    assert len(np.unique(left.answers.trajectory)) == 201  # one of 200 is in two pieces
     assert len(lines) == 1
     assert "joint_states, ee_pose, target_pose, task_status: 2 ticks are missing" in lines[0]
     assert len(open_demonstrations(tmp_path / "bag", "points")) > 0

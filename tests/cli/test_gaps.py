@@ -95,7 +95,7 @@ def told_by(path):
     """The ticks that are learned from, known by what answers them, and what is said."""
     lines = list[str]()
     learned = open_demonstrations(path, "trajectories", 0.0, lines.append)
-    return np.round(learned.actions[:, 1] / 1e-4).astype(int).tolist(), lines, learned
+    return np.round(learned.answers.actions[:, 1] / 1e-4).astype(int).tolist(), lines, learned
 
 
 def test_all_but_the_faulty_moments_is_learned_from_and_one_line_says_so(spoiled):
@@ -107,7 +107,7 @@ def test_all_but_the_faulty_moments_is_learned_from_and_one_line_says_so(spoiled
     assert any(fault.what in line and fault.topics[0] in line for fault in review(Bag(path)).faults)
     assert f"{review(Bag(path)).seconds(review(Bag(path)).faults[0].first):.2f} s" in line
     is_parted = len(review(Bag(path)).timeline.moments) < TICKS and min(gone) < max(ticks)
-    assert len(np.unique(learned.trajectory)) >= 1 + is_parted
+    assert len(np.unique(learned.answers.trajectory)) >= 1 + is_parted
 
 
 def test_the_remedies_leave_the_faults_out_and_keep_the_rest(spoiled, capsys, monkeypatch):
@@ -138,7 +138,7 @@ def test_a_gap_in_one_episode_leaves_the_others_whole(tmp_path):
     learned = open_demonstrations(write(tmp_path / "bag", found, told), "trajectories", 0.0, lines.append)
     assert len(learned) == TICKS - 40
     assert len(lines) == 1
-    assert len(np.unique(learned.trajectory)) == 3
+    assert len(np.unique(learned.answers.trajectory)) == 3
 
 
 def test_a_mark_that_is_not_known_is_left_out(tmp_path):

@@ -87,7 +87,7 @@ class NStepReplay(Replay):
         )
 
 
-def _require_steps(columns: dict[str, NDArray[np.float32]], width: int, steps: int) -> None:
+def _require_steps(columns: dict[str, NDArray[np.floating]], width: int, steps: int) -> None:
     """Refuse what are no steps of rows of such a width."""
     count = len(columns["reward"])
     state, action = columns["observation"], columns["action"]
@@ -103,4 +103,5 @@ def _require_steps(columns: dict[str, NDArray[np.float32]], width: int, steps: i
 
 
 def _column(values: list[Any]) -> Tensor:
-    return torch.from_numpy(np.array(values, dtype=np.float32))
+    """Of arrays, which are of float32, or of numbers, whose sum is rounded once: they keep all their bits."""
+    return torch.from_numpy(np.array(values, dtype=np.float32 if values and np.ndim(values[0]) else np.float64))
