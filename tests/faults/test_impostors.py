@@ -1,4 +1,4 @@
-"""Strangers with the names of our nodes, whose services answer nonsense: what asks them goes on."""
+"""Strangers: with the names of our nodes and services that answer nonsense, or with large messages; the nodes go on."""
 
 import subprocess
 import sys
@@ -17,9 +17,11 @@ from rled_msgs_py.processes import Child, Children, program
 from rled_msgs_py.ros.node import fresh_context, spin_until
 
 from ..graph.conftest import Observer
+from ..graph.team import actor_like
 from ..web.conftest import await_that, free_port, is_open, take_the_wheel
 from ..web.socket_visitor import SocketVisitor
 from .impostor import SERVICES, answers_of
+from .memory import measure
 
 IMPOSTOR = [sys.executable, str(Path(__file__).with_name("impostor.py"))]
 WAIT_TIMEOUT = 60.0
@@ -101,3 +103,17 @@ def test_watching_a_simulation_that_lies_ends_with_one_line(ros_domain: int) -> 
     assert done.returncode == 2
     assert "Traceback" not in done.stderr
     assert done.stderr.splitlines()[-1].startswith("error: 0 answers of ")
+
+
+# What a stranger sends in large messages is paid for as long as they last, not longer.
+
+
+SECONDS = 5.0
+
+
+def test_memory_comes_back_after_large_messages(planar_expert: Path, tmp_path: Path) -> None:
+    """Nodes have grown by a tenth at most; before, each kept several times what it needs."""
+    actor = actor_like(planar_expert, tmp_path / "actor.safetensors")
+    figures = measure(SECONDS, tmp_path, planar_expert, actor)
+    kept = {name: round(after / before - 1.0, 2) for name, (before, _, after) in figures.items()}
+    assert max(kept.values()) < 0.2, figures

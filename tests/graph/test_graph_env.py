@@ -7,7 +7,7 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
-from rled_agent.data.demonstrations import demonstration_points
+from rled_agent.data.closed_form import demonstration_points
 from rled_agent.nodes.graph_env import GraphEnv
 from rled_msgs_py.bags import Bag
 from rled_msgs_py.errors import RledError

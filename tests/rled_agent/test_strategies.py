@@ -1,13 +1,19 @@
-"""The actor with noise, random first actions, and episodes that the expert drives."""
+"""The actor with noise, random first actions, episodes that the expert drives or begins, and the gate."""
 
 import json
+import math
 
 import numpy as np
 import pytest
 import torch
+from hypothesis import given
+from hypothesis import strategies as st
 from rled_agent.exploration.agent import Agent, Expert, Noise, RandomStart
+from rled_agent.exploration.jump_start import JumpStart
 from rled_agent.exploration.policy_reuse import PolicyReuse
+from rled_agent.exploration.proposals import Proposals
 from rled_agent.exploration.strategy import Choice, network_function, policy_function
+from rled_agent.exploration.uncertainty_gate import UncertaintyGate
 from rled_agent.nn.architecture import Architecture
 from rled_agent.nn.perceptron import Perceptron
 from rled_agent.nn.scaling import scaling_of_bounds
@@ -159,3 +165,157 @@ def test_a_policy_in_other_units_acts_alike(make_policy):
     observation = np.array([0.6, 0.1, 0.7, -0.1])
     action = policy_function(policy, other)(other.normalize_observation(observation))
     np.testing.assert_allclose(other.denormalize_action(action), policy.act(observation), atol=1e-7)
+
+
+# Expert and actor share an episode: a guide that begins it, proposals that critics choose from.
+
+
+def jump_start() -> JumpStart:
+    return JumpStart(lambda _: AGENT, lambda _: EXPERT, SILENT, guide_steps=4, stages=2, tolerance=0.1)
+
+
+def episodes(strategy: JumpStart, returns: list[float]) -> list[str]:
+    """Who acted in five steps of each: e of the expert, a of the agent."""
+    acted = []
+    for each in returns:
+        strategy.begin()
+        acted.append("".join(strategy.act(STATE).actor.value[0] for _ in range(5)))
+        strategy.end(each)
+    return acted
+
+
+def test_the_guide_begins_each_episode_and_is_shorter_in_each_stage():
+    strategy = jump_start()
+    assert episodes(strategy, [100.0] * 6) == ["eeeea"] * 5 + ["eeaaa"]
+    # the last five of 100, 75, 75, 75, 75, 150 have 80 on average, too little beside 100, and then 90, which will do
+    assert episodes(strategy, [75.0] * 4 + [150.0]) == ["eeaaa"] * 5
+    assert episodes(strategy, [0.0] * 12) == ["aaaaa"] * 12
+
+
+def test_what_lacks_is_a_share_of_negative_returns_too():
+    strategy = jump_start()
+    assert episodes(strategy, [-100.0] * 5 + [-112.0] * 6) == ["eeeea"] * 5 + ["eeaaa"] * 6
+    # with one of −105 the last five have −110.6 on average, with two of them −109.2
+    assert episodes(strategy, [-105.0] * 3) == ["eeaaa"] * 2 + ["aaaaa"]
+
+
+def test_a_jump_start_goes_on_from_its_state():
+    one, other = jump_start(), jump_start()
+    assert json.loads(json.dumps(one.state_dict())) == one.state_dict()
+    for results in ([], [100.0] * 7 + [90.0] * 2):
+        episodes(one, results)
+        one.begin()
+        one.act(STATE)
+        other.begin()
+        other.load_state_dict(json.loads(json.dumps(one.state_dict())))
+        assert [one.act(STATE).actor for _ in range(6)] == [other.act(STATE).actor for _ in range(6)]
+        one.end(90.0)
+        other.end(90.0)
+        assert episodes(one, [90.0] * 9) == episodes(other, [90.0] * 9)
+
+
+def test_the_critics_choose_between_two_proposals():
+    wants = Proposals(lambda _: AGENT, lambda _: EXPERT, SILENT, lambda observation, action: float(action[1]))
+    assert wants.act(STATE).actor is Actor.EXPERT
+    assert np.array_equal(wants.act(STATE).action, EXPERT)
+    shuns = Proposals(lambda _: AGENT, lambda _: EXPERT, SILENT, lambda observation, action: -float(action[1]))
+    assert np.array_equal(shuns.act(STATE).action, AGENT)
+    assert shuns.act(STATE).actor is Actor.AGENT
+
+
+def test_noise_is_on_the_actors_proposal_when_the_critics_see_it():
+    seen = []
+    noisy = Proposals(
+        lambda _: AGENT,
+        lambda _: EXPERT,
+        Noise(0.3, np.random.default_rng(5)),
+        lambda observation, action: seen.append(action) or float(np.array_equal(action, EXPERT)) - 1.0,
+    )
+    assert noisy.act(STATE).actor is Actor.EXPERT
+    same = np.random.default_rng(5).normal(0.0, 0.3, 2)
+    assert any(np.allclose(each, np.clip(AGENT + same, -1.0, 1.0)) for each in seen)
+
+
+# The gate: decisions worked out by hand.
+
+
+class Told:
+    """Says the uncertainties that it is told to say, one after the other."""
+
+    def __init__(self, *values: float, **measures: float) -> None:
+        self.left, self.measures = list(values), measures
+
+    def __call__(self, observation: np.ndarray) -> Estimate:
+        return Estimate(AGENT, self.measures or {"qcd": self.left.pop(0)})
+
+
+def gate(told: Told, measure: str = "qcd", noise: Noise = SILENT, **settings: float) -> UncertaintyGate:
+    return UncertaintyGate(told, lambda _: EXPERT, noise, measure, **{"threshold": 0.5} | settings)
+
+
+def choices(*uncertainties: float, **settings: float) -> list[Choice]:
+    one = gate(Told(*uncertainties), **settings)
+    return [one.act(STATE) for _ in uncertainties]
+
+
+def actors(*uncertainties: float, **settings: float) -> str:
+    """a where the agent acts, e where the expert does."""
+    return "".join(choice.actor.value[0] for choice in choices(*uncertainties, **settings))
+
+
+def test_the_expert_acts_from_the_threshold_on():
+    assert actors(np.nextafter(0.5, 0), 0.5, math.inf, 0.0) == "aeea"
+    assert actors(0.0, threshold=0.0) == "e"
+
+
+def test_an_uncertainty_that_is_no_number_is_unsure():
+    assert actors(math.nan, 0.1, math.nan) == "eae"
+
+
+def test_the_mean_or_the_experts_action_is_given_with_its_reason():
+    sure, unsure = choices(0.25, 0.75)
+    np.testing.assert_array_equal(sure.action, AGENT)
+    assert sure[1:] == (Actor.AGENT, GateCode.SURE, {"qcd": 0.25}, "qcd", 0.5, "")
+    np.testing.assert_array_equal(unsure.action, EXPERT)
+    assert unsure[1:] == (Actor.EXPERT, GateCode.UNSURE, {"qcd": 0.75}, "qcd", 0.5, "")
+
+
+@pytest.mark.parametrize(("measure", "actor"), [("qcd", Actor.EXPERT), ("iqr", Actor.AGENT)])
+def test_the_chosen_measure_is_compared_and_both_are_reported(measure, actor):
+    choice = gate(Told(qcd=0.9, iqr=0.1), measure).act(STATE)
+    assert choice.actor is actor
+    assert choice.uncertainty == {"qcd": 0.9, "iqr": 0.1}
+    assert choice.compared == choice.uncertainty[measure]
+
+
+def test_it_explores_around_the_mean():
+    same = np.random.default_rng(4).normal(0.0, 0.1, 2)
+    choice = gate(Told(0.1), noise=Noise(0.1, np.random.default_rng(4))).act(STATE)
+    np.testing.assert_allclose(choice.action, AGENT + same, rtol=1e-6)
+
+
+def test_hysteresis_asks_for_more_certainty_before_the_agent_returns():
+    assert actors(0.4, 0.5, 0.4, 0.25, 0.24, 0.4, hysteresis=0.5) == "aeeeaa"
+    thresholds = [choice.threshold for choice in choices(0.4, 0.5, 0.4, 0.24, 0.4, hysteresis=0.5)]
+    assert thresholds == [0.5, 0.5, 0.25, 0.25, 0.5]
+
+
+def test_the_expert_dwells():
+    assert actors(0.6, 0.1, 0.1, 0.1, 0.1, dwell=3) == "eeeaa"
+    notes = [choice.note for choice in choices(0.6, 0.1, 0.1, 0.1, dwell=3)]
+    assert notes == ["", "for 1 of 3 steps", "for 2 of 3 steps", ""]
+    assert actors(0.6, 0.1, 0.6, 0.1, 0.1, dwell=3) == "eeeaa"  # counted since the expert began
+
+
+@given(st.lists(st.floats(0.0, 1.0), max_size=30))
+def test_with_neither_it_is_the_equation(uncertainties):
+    assert actors(*uncertainties) == "".join("a" if u < 0.5 else "e" for u in uncertainties)
+
+
+def test_it_goes_on_from_its_state():
+    settings = {"hysteresis": 0.5, "dwell": 3}
+    one, other = gate(Told(0.6, 0.1), **settings), gate(Told(0.1, 0.4, 0.1), **settings)
+    for _ in range(2):
+        one.act(STATE)
+    other.load_state_dict(json.loads(json.dumps(one.state_dict())))
+    assert [other.act(STATE).actor for _ in range(3)] == [Actor.EXPERT, Actor.EXPERT, Actor.AGENT]

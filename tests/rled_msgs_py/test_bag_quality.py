@@ -1,11 +1,14 @@
-"""Episodes and their quality: worked out by hand on motions in a plane."""
+"""Episodes, with ticks that repeat a step as in real time, and their quality: worked out by hand."""
 
 import json
 
 import numpy as np
 import pytest
-from rled_msgs_py.bags import Bag, BagError, BagWriter, review
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rled_msgs_py.bags import Bag, BagError, BagWriter, review, trim
 from rled_msgs_py.bags.episodes import discarded
+from rled_msgs_py.bags.faults import LOST
 from rled_msgs_py.records import DeltaCommand, JointSample, PoseSample, TaskStatus, Text
 
 from rled_msgs_py import topics
@@ -36,7 +39,7 @@ def event(kind, number, k, **more):
     return (topics.EPISODE_EVENTS, Text(json.dumps({"event": kind, "episode": number, "stamp": k * PERIOD, **more})))
 
 
-def reviewed(tmp_path, found):
+def judged(tmp_path, found):
     with BagWriter(tmp_path / "bag") as bag:
         for topic, record in [*descriptions(), *found]:
             bag.write(topic, record)
@@ -45,7 +48,7 @@ def reviewed(tmp_path, found):
 
 def reached_once(tmp_path, deltas):
     found, k, q = ticks(deltas)
-    return reviewed(tmp_path, found + state(k, q, (0.9, 0.9), 0, 1))
+    return judged(tmp_path, found + state(k, q, (0.9, 0.9), 0, 1))
 
 
 STRAIGHT = [np.array([0.05, 0.0])] * 8
@@ -59,7 +62,7 @@ def test_a_straight_even_motion_to_its_target_scores_one(tmp_path):
 
 def test_a_motion_that_never_arrives_scores_nothing(tmp_path):
     found, k, q = ticks(STRAIGHT)
-    (quality,) = reviewed(tmp_path, found + state(k, q, (0.5, 0.5), 0, 0)).qualities
+    (quality,) = judged(tmp_path, found + state(k, q, (0.5, 0.5), 0, 0)).qualities
     assert (quality.reached, quality.score) == (0.0, 0.0)
 
 
@@ -86,7 +89,7 @@ def test_opposite_displacements_in_the_same_states_contradict_each_other(tmp_pat
     there, k, q = ticks([np.array([0.1, 0.0])] * 4, start=(0.0, 0.0))
     middle = state(k, q, (0.9, 0.9), 0, 1)
     back, k, q = ticks([np.array([-0.1, 0.0])] * 4, k + 1, 1, 0, start=(0.4, 0.0))
-    found = reviewed(tmp_path, there + middle + back + state(k, q, (0.9, 0.9), 1, 1))
+    found = judged(tmp_path, there + middle + back + state(k, q, (0.9, 0.9), 1, 1))
     # |(0.1) - (-0.1)| over the greatest distance 2 * 0.1 * sqrt(2)
     for quality in found.qualities:
         assert quality.contradiction == pytest.approx(1.0 / np.sqrt(2.0))
@@ -106,7 +109,7 @@ def test_tremor_pauses_and_detours_lower_the_score(tmp_path):
 def test_without_events_each_target_is_an_episode(tmp_path):
     first, k, q = ticks(STRAIGHT)
     second, k, q = ticks(STRAIGHT, k, 0, 1, q, (0.9, 0.9))
-    found = reviewed(tmp_path, first + second + state(k, q, (0.1, 0.1), 0, 2))
+    found = judged(tmp_path, first + second + state(k, q, (0.1, 0.1), 0, 2))
     assert [(each.number, each.first, each.last) for each in found.episodes] == [
         (0, 0, 8 * PERIOD),
         (1, 8 * PERIOD, 16 * PERIOD),
@@ -126,7 +129,7 @@ def test_with_events_an_episode_is_what_they_say(tmp_path):
         event("discard", 5, 21),
     ]
     more, k, q = ticks(STRAIGHT, k, 0, 2, q, (0.1, 0.1))
-    found = reviewed(tmp_path, first + second + more + told)
+    found = judged(tmp_path, first + second + more + told)
     one, two = found.episodes
     assert (one.number, one.kept, one.operator, one.outcome, len(one.segments)) == (4, True, "ada", "fine", 2)
     assert (two.number, two.kept, two.first, two.last) == (5, False, 17 * PERIOD, 20 * PERIOD)
@@ -136,7 +139,7 @@ def test_with_events_an_episode_is_what_they_say(tmp_path):
 
 def test_an_episode_whose_recorder_was_killed_reaches_to_the_end(tmp_path):
     found, _k, _q = ticks(STRAIGHT)
-    (episode,) = reviewed(tmp_path, [event("start", 0, 0), *found]).episodes
+    (episode,) = judged(tmp_path, [event("start", 0, 0), *found]).episodes
     assert (episode.last, episode.kept) == (7 * PERIOD, True)
 
 
@@ -156,3 +159,134 @@ def test_a_score_lies_between_zero_and_one_for_any_motion(tmp_path):
         for quality in reached_once(tmp_path / str(number), list(deltas)).qualities:
             assert 0.0 <= quality.score <= 1.0
             assert np.isfinite(quality).all()
+
+
+# Ticks that repeat a step, as in real time, are no new target: episodes counted by hand.
+
+
+DELTA = np.array([0.05, 0.0])
+
+
+def row(step, reached, answered=True, episode=0):
+    """A tick: its step, the targets reached so far, whether somebody answers it."""
+    return episode, step, reached, answered
+
+
+def hold(step, reached, episode=0):
+    return row(step, reached, False, episode)
+
+
+def motion(first=0, targets=3, steps=6):
+    """Ways of so many steps to targets, the last tick reached by the last of them."""
+    found = [row(first + k, k // steps) for k in range(targets * steps)]
+    return [*found, hold(first + targets * steps, targets)]
+
+
+def entries(rows, begin=0, lost=()):
+    found = []
+    for k, (episode, step, reached, answered) in enumerate(rows, begin):
+        q, stamp = np.array([0.05 * step, 0.5]), k * PERIOD
+        goal = np.array([0.3 * (reached + 1), 0.5, 0.0])
+        if k in lost:
+            continue
+        found += [
+            (topics.JOINT_STATES, JointSample(stamp, NAMES, q, np.zeros(2))),
+            (topics.EE_POSE, PoseSample(stamp, "world", np.array([*q, 0.0]))),
+            (topics.TARGET_POSE, PoseSample(stamp, "world", goal)),
+            (topics.TASK_STATUS, TaskStatus(stamp, episode, step, 0.0, reached, False, 0, False, False)),
+        ]
+        if answered:
+            found.append((topics.JOINT_DELTA, DeltaCommand(stamp, NAMES, DELTA)))
+    return found
+
+
+def reviewed(path, found):
+    with BagWriter(path) as bag:
+        for topic, record in [*descriptions(), *found]:
+            bag.write(topic, record)
+    return review(Bag(path))
+
+
+def reached(found):
+    return [segment.reached for each in found.episodes for segment in each.segments]
+
+
+def with_holds(rows, counts):
+    """The rows, each followed by so many holds of its state."""
+    found = []
+    for each, count in zip(rows, counts, strict=True):
+        found += [each, *[hold(each[1], each[2], each[0])] * count]
+    return found
+
+
+@settings(max_examples=30)
+@given(st.lists(st.integers(0, 3), min_size=19, max_size=19), st.integers(0, 4))
+def test_holds_anywhere_change_neither_targets_nor_measures(tmp_path_factory, counts, before):
+    base = tmp_path_factory.mktemp("b")
+    plain = reviewed(base / "plain", entries(motion()))
+    held = reviewed(base / "held", entries([hold(0, 0)] * before + with_holds(motion(), counts)))
+    assert reached(plain) == reached(held) == [True] * 3
+    assert held.faults == []
+    np.testing.assert_allclose(
+        [quality[:4] for quality in held.qualities], [quality[:4] for quality in plain.qualities], atol=1e-9
+    )
+
+
+@pytest.mark.parametrize("place", [0, 3, 5, 6, 7, 17, 18])
+def test_a_long_pause_parts_no_way(tmp_path, place):
+    rows = motion()
+    paused = [*rows[: place + 1], *[hold(*rows[place][1:3])] * 200, *rows[place + 1 :]]
+    found = reviewed(tmp_path / "bag", entries(paused))
+    assert reached(found) == [True] * 3
+    assert found.faults == []
+
+
+def test_a_tick_that_comes_twice_is_no_new_target(tmp_path):
+    doubled = sorted(entries(motion()) * 2, key=lambda each: each[1].stamp)
+    assert reached(reviewed(tmp_path / "bag", doubled)) == [True] * 3
+
+
+@pytest.mark.parametrize("lost", [{3}, {5}, {6}, {7, 8}, {0, 1}, {2, 3, 4, 5, 6, 7}])
+def test_lost_ticks_are_no_new_target(tmp_path, lost):
+    found = reviewed(tmp_path / "bag", entries(motion(), lost=lost))
+    assert reached(found) == [True] * 3
+
+
+def test_an_episode_change_and_a_restart_are_new_targets(tmp_path):
+    episodes = motion(targets=2)[:9] + [row(k, 0, episode=1) for k in range(4)]
+    assert reached(reviewed(tmp_path / "episodes", entries(episodes))) == [True, False, False]
+    restarted = entries(motion(targets=2)[:9]) + entries([row(k, 0) for k in range(4)])
+    assert reached(reviewed(tmp_path / "restarted", restarted)) == [True, False, False]
+
+
+def test_a_restart_before_the_first_step_is_seen_by_its_stamps(tmp_path):
+    still = [row(0, 0)] * 5
+    found = reviewed(tmp_path / "bag", entries(still, begin=3) + entries(motion(targets=1)))
+    assert reached(found) == [False, True]
+
+
+def test_ticks_lost_while_the_robot_holds_are_counted_by_the_clock(tmp_path):
+    rows = motion()
+    paused = [*rows[:4], *[hold(3, 0)] * 40, *rows[4:]]
+    (fault,) = reviewed(tmp_path / "bag", entries(paused, lost=range(10, 30))).faults
+    assert (fault.kind, fault.what) == (LOST, "20 ticks are missing: nothing for 0.42 s")
+    assert (fault.first, fault.last) == (9 * PERIOD, 30 * PERIOD)
+
+
+def test_a_hold_that_is_lost_within_a_step_is_no_jump_of_the_clock(tmp_path):
+    rows = [*motion()[:4], hold(3, 0), hold(3, 0), hold(3, 0), *motion()[4:]]
+    (fault,) = reviewed(tmp_path / "bag", entries(rows, lost={5, 6})).faults
+    assert (fault.kind, fault.what) == (LOST, "2 ticks are missing: nothing for 0.06 s")
+
+
+def test_a_way_with_a_part_taken_out_is_one_way_still(tmp_path):
+    reviewed(tmp_path / "bag", entries(motion()))
+    begin, end = 7 * PERIOD * 1e-9, 9 * PERIOD * 1e-9
+    kept = [each for each in entries(motion()) if not 7 * PERIOD <= each[1].stamp < 9 * PERIOD]
+    with BagWriter(tmp_path / "cut", metadata={"cuts": f"[[{6 * PERIOD}, {9 * PERIOD}]]"}) as bag:
+        for topic, record in [*descriptions(), *kept]:
+            bag.write(topic, record)
+    found = review(Bag(tmp_path / "cut"))
+    assert (reached(found), found.faults) == ([True] * 3, [])
+    trim(Bag(tmp_path / "bag"), tmp_path / "part", begin, end + 1.0, lambda _: None)
+    assert reached(review(Bag(tmp_path / "part"))) == [True] * 2

@@ -82,8 +82,9 @@ def taking_turns(path: Path) -> Iterator[None]:
     Raises:
         OSError: the folder that the path is in cannot be made or opened.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    folder = os.open(path.parent, os.O_RDONLY)
+    if not path.parent.exists():
+        path.parent.mkdir(parents=True, exist_ok=True)
+    folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
     try:
         with suppress(OSError):
             fcntl.flock(folder, fcntl.LOCK_EX)

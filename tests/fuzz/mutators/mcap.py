@@ -12,7 +12,7 @@ from zlib import crc32
 import zstandard
 
 from . import plain
-from .objects import yaml_text
+from .values import yaml_text
 
 MAGIC = b"\x89MCAP0\r\n"
 HEAD = Struct("<BQ")

@@ -1,10 +1,18 @@
-"""Plain values (of JSON, YAML, MessagePack) with one of them changed, wherever it lies."""
+"""JSON, YAML, MessagePack and safetensors with one value changed somewhere, or a part of the bytes."""
 
 import json
 import math
 from collections.abc import Iterator
 from random import Random
+from struct import error, pack, unpack_from
 from typing import Any
+
+import msgspec
+import yaml
+from rled_msgs_py.errors import RledError
+from rled_msgs_py.untrusted import read_json, read_yaml
+
+from . import plain
 
 Path = tuple[Any, ...]
 
@@ -114,3 +122,92 @@ def _without(values: Any, path: Path) -> Any:
             name: _without(each, rest) if name == key else each for name, each in values.items() if rest or name != key
         }
     return [_without(each, rest) if k == key else each for k, each in enumerate(values) if rest or k != key]
+
+
+# JSON and YAML texts with one value changed, or, where they are none (any more), with a part of the text changed.
+
+
+STRUCTURED = 0.75
+MOST = 100_000
+
+
+def json_text(data: bytes, other: bytes, rng: Random) -> bytes:
+    values = _json(data) if rng.random() < STRUCTURED else None
+    if values is None:
+        return plain.mutate(data, other, rng)
+    text = json.dumps(mutated(values, _json(other) or values, rng), ensure_ascii=rng.random() < 0.5)
+    return text.encode(errors="surrogatepass")
+
+
+def yaml_text(data: bytes, other: bytes, rng: Random) -> bytes:
+    values = _yaml(data) if rng.random() < STRUCTURED else None
+    if values is None:
+        return plain.mutate(data, other, rng)
+    try:
+        text = yaml.safe_dump(mutated(values, _yaml(other) or values, rng), sort_keys=False, allow_unicode=True)
+    except Exception:  # what was mutated before may hold what no dumper takes
+        return plain.mutate(data, other, rng)
+    return text.encode(errors="surrogatepass")
+
+
+def _json(data: bytes) -> Any:
+    return _text(data, read_json)
+
+
+def _yaml(data: bytes) -> Any:
+    return _text(data, read_yaml)
+
+
+def _text(data: bytes, read: Any) -> Any:
+    try:
+        return read(data.decode(), "an input") if len(data) < MOST else None
+    except (RledError, UnicodeDecodeError):
+        return None
+
+
+# MessagePack with one value changed, or its bytes.
+
+
+def mutate_messagepack(data: bytes, other: bytes, rng: Random) -> bytes:
+    values = _messagepack(data) if rng.random() < 0.8 else None
+    if values is None:
+        return plain.mutate(data, other, rng)
+    try:
+        return msgspec.msgpack.encode(mutated(values, _messagepack(other) or values, rng))
+    except (OverflowError, RecursionError, UnicodeEncodeError, msgspec.MsgspecError):
+        return plain.mutate(data, other, rng)
+
+
+def _messagepack(data: bytes) -> Any:
+    try:
+        return msgspec.msgpack.decode(data)
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+        return None
+
+
+# Safetensors files with a value of the header changed, its length made right, or numbers among the tensors changed.
+
+
+FLOATS = (float("nan"), float("inf"), 1e38, -1e38, 0.0)
+
+
+def mutate_tensors(data: bytes, other: bytes, rng: Random) -> bytes:
+    header, tensors = _parts(data)
+    if not header or rng.random() < 0.1:
+        return plain.mutate(data, other, rng)
+    if rng.random() < 0.75:
+        header = json_text(header, _parts(other)[0] or header, rng)
+    elif len(tensors) >= 4:
+        at = 4 * rng.randrange(len(tensors) // 4)
+        tensors = tensors[:at] + pack("<f", rng.choice(FLOATS)) + tensors[at + 4 :]
+    return pack("<Q", len(header)) + header + tensors
+
+
+def _parts(data: bytes) -> tuple[bytes, bytes]:
+    try:
+        (length,) = unpack_from("<Q", data)
+        header = data[8 : 8 + length]
+        json.loads(header)
+    except (error, ValueError, RecursionError, OverflowError):
+        return b"", b""
+    return header, data[8 + length :]

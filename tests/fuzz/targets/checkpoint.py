@@ -6,7 +6,9 @@ from pathlib import Path
 from rled_agent.training.run_directory import RunDirectory
 
 from .. import agent
-from ..mutators.tensors import mutate as mutate
+from ..mutators.values import mutate_tensors as mutate
+
+__all__ = ["mutate", "read", "seeds"]
 
 
 @lru_cache

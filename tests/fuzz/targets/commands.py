@@ -12,7 +12,9 @@ from rled_sim.sim_params import SimParams, limits_of
 from rled_teleop.recording.params import RecordParams
 from rled_teleop.web.params import WebParams
 
-from ..mutators.lines import mutate as mutate
+from ..mutators.texts import mutate_lines as mutate
+
+__all__ = ["mutate", "read", "seeds"]
 
 NODES = {"sim_node": SimParams, "agent_node": AgentParams, "record_demos": RecordParams, "teleop_web": WebParams}
 ZONE = ["--keep-out", "sphere 0.1 0.2 0.3 0.05; box 0 0 0 1 1 1", "--workspace", "-1 -1 -1 1 1 1"]

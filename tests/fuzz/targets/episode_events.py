@@ -10,8 +10,8 @@ from rled_teleop.recording.episode_events import EpisodeEvents, Provenance
 from rled_teleop.web.graph_state import GraphState
 
 from ...rled_msgs_py.samples import PERIOD, TASK, recording
-from ..mutators import lines
-from ..mutators.objects import json_text
+from ..mutators.texts import mutate_lines
+from ..mutators.values import json_text
 
 EVENT = {"event": "start", "episode": 0, "stamp": 0}
 
@@ -28,7 +28,7 @@ def seeds() -> list[bytes]:
 def mutate(data, other, rng):
     parts, donors = data.split(b"\n"), other.split(b"\n")
     if rng.random() < 0.3:
-        return lines.mutate(data, other, rng)
+        return mutate_lines(data, other, rng)
     at = rng.randrange(len(parts))
     parts[at] = json_text(parts[at], rng.choice(donors), rng).replace(b"\n", b" ")
     return b"\n".join(parts)

@@ -10,7 +10,9 @@ from rled_teleop.web.protection import judged
 from websockets.http11 import Request
 from websockets.server import ServerProtocol
 
-from ..mutators.lines import mutate as mutate
+from ..mutators.texts import mutate_lines as mutate
+
+__all__ = ["REFUSALS", "mutate", "read", "seeds"]
 
 TOKEN = "correct-horse-battery"
 COOKIE = Access(TOKEN)._cookie()

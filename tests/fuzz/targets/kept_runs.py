@@ -7,7 +7,7 @@ from rled_agent.experiments.experiment import Drawing, RunName
 from rled_agent.experiments.tables import table
 
 from .. import agent
-from ..mutators.objects import json_text
+from ..mutators.values import json_text
 
 FIGURES = {"success": 0.9, "steps": 12.5, "path_length": 1.1, "jerk": 2.0, "violations": 0.0}
 EPISODES = {"reward": -1.0, "steps": 20, "targets_reached": 3, "violations": 0}

@@ -7,7 +7,7 @@ from rled_msgs_py.errors import RledError
 from rled_msgs_py.records import JointSample
 from rled_teleop.operators.mapping import RecordingMapping
 
-from ..mutators.objects import yaml_text as mutate
+from ..mutators.values import yaml_text as mutate
 
 __all__ = ["mutate", "read", "seeds"]
 

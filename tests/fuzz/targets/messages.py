@@ -13,7 +13,7 @@ from rled_msgs_py.topics import DIAGNOSTICS, EPISODE_EVENTS, RECORDED, SAFETY_GA
 from rled_teleop.recording.episode_events import EPISODE, REACHED, count_of
 
 from ...rled_msgs_py.samples import PERIOD, descriptions, same, tick
-from ..mutators import cdr
+from ..mutators.messages import mutate_cdr
 
 TOPICS = [*RECORDED, DIAGNOSTICS, TARGET_REQUEST]
 RECORDS = {
@@ -32,7 +32,7 @@ def seeds() -> list[bytes]:
 
 def mutate(data, other, rng):
     number = rng.randbytes(1) if rng.random() < 0.05 else data[:1]
-    return number + cdr.mutate(data[1:], other[1:], rng)
+    return number + mutate_cdr(data[1:], other[1:], rng)
 
 
 def read(data: bytes, _: Path) -> None:

@@ -12,7 +12,7 @@ from rled_msgs_py.errors import RledError
 
 from ..bags import files, lay
 from ..mutators import mcap
-from ..mutators.objects import yaml_text as mutate
+from ..mutators.values import yaml_text as mutate
 
 __all__ = ["mutate", "read", "seeds"]
 

@@ -6,7 +6,7 @@ from rled_msgs_py.bags import Bag
 from rled_msgs_py.bags.metadata import read_metadata
 
 from ..bags import files, lay
-from ..mutators.objects import yaml_text as mutate
+from ..mutators.values import yaml_text as mutate
 
 
 def seeds() -> list[bytes]:

@@ -6,8 +6,10 @@ from pathlib import Path
 from rled_agent.training.run_directory import RunDirectory
 
 from .. import agent
-from ..mutators.lines import mutate as mutate
+from ..mutators.texts import mutate_lines as mutate
 from . import checkpoint
+
+__all__ = ["mutate", "read", "seeds"]
 
 ROW = {"step": 10.0, "reward": -3.5, "evaluation_reward": float("nan"), "evaluation_steps": 20.0}
 

@@ -7,7 +7,9 @@ import numpy as np
 from rled_agent.nn.policy import load_policy
 
 from .. import agent
-from ..mutators.tensors import mutate as mutate
+from ..mutators.values import mutate_tensors as mutate
+
+__all__ = ["mutate", "read", "seeds"]
 
 
 @lru_cache

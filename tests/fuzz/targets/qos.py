@@ -7,7 +7,7 @@ from rled_msgs_py.bags.writer import describe
 from rled_msgs_py.topics import JOINT_DELTA, ROBOT_DESCRIPTION
 from rled_teleop.recording.bag_messages import quality
 
-from ..mutators.objects import yaml_text as mutate
+from ..mutators.values import yaml_text as mutate
 
 __all__ = ["mutate", "read", "seeds"]
 

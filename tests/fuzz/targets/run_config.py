@@ -9,7 +9,7 @@ from rled_agent.training.config import TrainConfig
 from rled_agent.training.run_directory import RunDirectory
 
 from .. import agent
-from ..mutators.objects import json_text as mutate
+from ..mutators.values import json_text as mutate
 
 __all__ = ["mutate", "read", "seeds"]
 

@@ -12,7 +12,9 @@ from rosbags.typesys import Stores, get_typestore
 
 from ...rled_msgs_py.samples import recording
 from ..bags import read_everything
-from ..mutators.sqlite import mutate as mutate
+from ..mutators.messages import mutate_sqlite as mutate
+
+__all__ = ["mutate", "read", "seeds"]
 
 
 @lru_cache

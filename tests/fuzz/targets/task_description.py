@@ -10,7 +10,7 @@ from rled_sim.robots import ROBOTS
 from rled_sim.tasks import reach_task
 
 from ...rled_msgs_py.samples import TASK
-from ..mutators.objects import json_text as mutate
+from ..mutators.values import json_text as mutate
 
 __all__ = ["mutate", "read", "seeds"]
 

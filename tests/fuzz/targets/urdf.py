@@ -8,7 +8,9 @@ from rled_sim.kinematics import Chain
 from rled_teleop.web.robot import load_robot, pose_of
 
 from ...rled_teleop.conftest import URDF
-from ..mutators.xml import mutate as mutate
+from ..mutators.texts import mutate_xml as mutate
+
+__all__ = ["REFUSALS", "mutate", "read", "seeds"]
 
 NAMES = ("shoulder", "elbow")
 REFUSALS = (RledError, ValueError)

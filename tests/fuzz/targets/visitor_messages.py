@@ -6,8 +6,10 @@ import msgspec
 import numpy as np
 from viser import _messages as messages
 
-from ..mutators.messagepack import mutate as mutate
+from ..mutators.values import mutate_messagepack as mutate
 from ..page import MARK, open_page
+
+__all__ = ["REFUSALS", "mutate", "read", "seeds"]
 
 REFUSALS = ()
 

@@ -1,13 +1,20 @@
-"""What the learner process begins with, learns from and keeps."""
+"""Learning beside control, in a process of its own for which nobody waits."""
 
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from rled_agent.deploy.learner_client import LearnerClient
 from rled_agent.deploy.learner_process import LearnerProcess, Options
 from rled_agent.deploy.online_learning import OnlineLearning
-from rled_agent.deploy.step_pipe import Numbered, to_row
+from rled_agent.deploy.shared_parameters import SharedParameters
+from rled_agent.deploy.step_pipe import Numbered, from_row, row_width, to_row
 from rled_agent.learners.td3 import TD3Config
 from rled_agent.methods import Problem
 from rled_agent.methods.td3 import TD3
@@ -15,10 +22,92 @@ from rled_agent.nn.architecture import Architecture
 from rled_agent.nn.policy import load_policy
 from rled_agent.nn.tensor_file import TensorFileError
 from rled_agent.replay.transitions import Source, Step
+from rled_agent.training.checkpoint import read_checkpoint
 from rled_agent.training.config import Schedule, TrainConfig
 from rled_agent.training.learning_state import learning_state, pack
 from rled_agent.training.run_directory import RunDirectory
 from rled_msgs_py.errors import RledError
+
+PATIENCE = 60.0
+
+
+def await_that(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < deadline, "waited in vain"
+        time.sleep(0.02)
+
+
+def numbered(number: int, observation: float = 0.5) -> Numbered:
+    state = np.full(4, observation, dtype=np.float32)
+    return Numbered(Step(state, np.zeros(2, np.float32), -1.0, 1.0, state), number)
+
+
+def test_a_step_that_is_not_finite_is_not_offered(planar_expert, tmp_path):
+    client = LearnerClient(load_policy(planar_expert).network, planar_expert, tmp_path / "state.safetensors")
+    try:
+        client.offer(numbered(0, np.inf))
+        assert (client.offered, client.dropped) == (1, 1)
+    finally:
+        client.close(0.0)
+
+
+@pytest.fixture
+def client(make_policy, tmp_path: Path) -> Iterator[LearnerClient]:
+    policy = make_policy(dropout=0.2, layer_norm=True)
+    policy.save(tmp_path / "policy.safetensors")
+    client = LearnerClient(policy.network, tmp_path / "policy.safetensors", tmp_path / "state.safetensors", "low")
+    yield client
+    if client.running:
+        client.close(PATIENCE)
+
+
+def test_the_process_learns_hands_weights_over_and_keeps_its_state(client, tmp_path):
+    before = client._actor.vector()
+    client.save()  # it may not even have begun to listen
+
+    def handed_over() -> bool:
+        for _ in range(10):
+            client.offer(numbered(client.offered))
+        client.refresh()
+        assert client.running
+        return client.handovers > 1
+
+    await_that(handed_over)
+    assert not (client._actor.vector() == before).all()
+    state = tmp_path / "state.safetensors"
+    client.save()
+    await_that(state.exists)
+    client.close(PATIENCE)
+    found = read_checkpoint(state).state
+    assert 500 < found["replay.added"] <= client.offered - client.dropped
+    assert 0 < found["learner.updates"] <= found["replay.added"] - 500
+
+
+@pytest.mark.parametrize(("priority", "policy", "niceness"), [("idle", os.SCHED_IDLE, 0), ("low", os.SCHED_OTHER, 10)])
+def test_learning_lets_control_go_first(planar_expert, tmp_path, priority, policy, niceness):
+    network = load_policy(planar_expert).network
+    client = LearnerClient(network, planar_expert, tmp_path / "state.safetensors", priority)
+    try:
+        process = client._process.pid
+        assert os.sched_getscheduler(process) == policy
+        assert os.getpriority(os.PRIO_PROCESS, process) == min(os.nice(0) + niceness, 19)
+    finally:
+        client.close(0.0)
+
+
+def test_a_dead_process_costs_steps_and_nothing_else(client):
+    os.kill(client._process.pid, signal.SIGKILL)
+    await_that(lambda: not client.running)
+    client.offer(numbered(0))
+    client.refresh()
+    client.save()
+    assert (client.offered, client.dropped) == (1, 1)
+    client.close(PATIENCE)
+
+
+# What the learner process begins with, learns from and keeps.
+
 
 TINY = Architecture(hidden=(6,))
 CONFIG = TD3Config(actor=TINY, critic=TINY)
@@ -139,3 +228,69 @@ def test_learning_does_not_begin_where_its_state_cannot_be_kept(make_policy, tmp
     )
     with pytest.raises(RledError, match=f"{tmp_path / 'file'} is no folder; .*name another --learning-state"):
         learning.start()
+
+
+# Weights that pass from one process to the other through memory.
+
+
+@pytest.fixture
+def both() -> Iterator[tuple[SharedParameters, SharedParameters]]:
+    owner = SharedParameters(5)
+    joined = SharedParameters(5, owner.name)
+    yield owner, joined
+    joined.close()
+    owner.close()
+
+
+def test_weights_are_handed_over_once(both):
+    taker, giver = both
+    held = np.zeros(5, dtype=np.float32)
+    assert not taker.take(held)
+    giver.put(np.arange(5, dtype=np.float32))
+    assert taker.take(held)
+    assert held.tolist() == [0, 1, 2, 3, 4]
+    assert not taker.take(held)
+    giver.put(held + 1)
+    giver.put(held + 2)
+    assert taker.take(held)
+    assert held.tolist() == [2, 3, 4, 5, 6]
+    assert not taker.take(held)
+
+
+def test_a_write_in_progress_is_not_taken(both):
+    taker, giver = both
+    held = np.zeros(5, dtype=np.float32)
+    giver.put(held)
+    giver._versions[0] += 1  # what put does first
+    assert not taker.take(held)
+    giver._versions[1] = giver._versions[0]
+    assert taker.take(held)
+
+
+def test_memory_that_is_too_small_is_refused(both):
+    with pytest.raises(RledError, match="too small"):
+        SharedParameters(5000, both[0].name)
+
+
+# Steps as rows of numbers and back.
+
+
+@pytest.mark.parametrize("source", Source)
+def test_a_step_comes_back_from_its_row(source):
+    parts = np.array([1, 2, 3], np.float32), np.array([4, 5], np.float32), np.array([6, 7, 8], np.float32)
+    state, action, following = parts
+    step = Step(state, action, -2.5, float(source % 2), following, source, source == Source.HUMAN)
+    row = to_row(Numbered(step, 41))
+    assert (row.dtype, len(row)) == (np.float32, row_width(3, 2))
+    back, number = from_row(row, 3)
+    assert number == 41
+    assert back[2:4] == step[2:4]
+    assert back[5:] == step[5:]
+    for name in ("observation", "action", "next_observation"):
+        np.testing.assert_array_equal(getattr(back, name), getattr(step, name))
+
+
+def test_a_row_is_written_to_the_pipe_in_one_piece():
+    """A pipe takes 4096 bytes whole or not at all: 508 of observation and action would still do."""
+    assert 4 * row_width(10, 7) < 4096
+    assert 4 * row_width(250, 250) < 4096

@@ -1,14 +1,56 @@
-"""XML texts with an attribute, an element or the declaration changed."""
+"""Texts of lines (CSV, HTTP heads, command lines) and of XML with one part of them changed."""
 
 import re
 from random import Random
 
 from . import plain
 
+WORDS = (
+    b"nan",
+    b"-1",
+    b"1e999",
+    b"true",
+    b"--",
+    b"-h",
+    b"--ros-args",
+    b"-p",
+    b"x:=1",
+    b"[",
+    b"[::1",
+    b"http://[",
+    b"//",
+    b"%zz",
+)
+
+
+def mutate_lines(data: bytes, other: bytes, rng: Random) -> bytes:
+    lines, donors = data.split(b"\n"), other.split(b"\n")
+    at, kind = rng.randrange(len(lines)), rng.randrange(7)
+    if kind == 0:
+        del lines[at]
+    elif kind == 1:
+        lines[at:at] = lines[at : at + 1] * rng.choice((1, 2, 200))
+    elif kind == 2:
+        lines.insert(rng.randrange(len(lines)), lines.pop(at))
+    elif kind == 3:
+        lines.insert(at, rng.choice(donors))
+    elif kind == 4:
+        lines[at] = rng.choice(WORDS)
+    elif kind == 5:
+        key, mark, rest = lines[at].partition(rng.choice((b":", b",", b"=")))
+        lines[at] = key + mark + rng.choice((rng.choice(WORDS), plain.mutate(rest, rest, rng)))
+    else:
+        lines[at] = plain.mutate(lines[at], rng.choice(donors), rng)
+    return b"\n".join(lines)
+
+
+# XML texts with an attribute, an element or the declaration changed.
+
+
 QUOTED = re.compile(rb'"[^"]*"')
 ELEMENT = re.compile(rb"<(\w+)[^<>]*/>|<(\w+)[^<>]*>[^<>]*</\2>")
 TAG = re.compile(rb"<\w+")
-WORDS = (
+XML_WORDS = (
     b"",
     b"nan",
     b"1e308 1e308 1e308",
@@ -58,7 +100,7 @@ TAGS = (
 )
 
 
-def mutate(data: bytes, other: bytes, rng: Random) -> bytes:
+def mutate_xml(data: bytes, other: bytes, rng: Random) -> bytes:
     return rng.choice((_attribute, _attribute, _element, _element, _tag, _declaration, _deeper, plain.mutate))(
         data, other, rng
     )
@@ -69,7 +111,7 @@ def _attribute(data: bytes, other: bytes, rng: Random) -> bytes:
         return plain.mutate(data, other, rng)
     start, stop = rng.choice(found).span()
     others = [each[0] for each in QUOTED.finditer(other)] or [b'""']
-    new = rng.choice((b'"%s"' % rng.choice(WORDS), rng.choice(others)))
+    new = rng.choice((b'"%s"' % rng.choice(XML_WORDS), rng.choice(others)))
     return data[:start] + new + data[stop:]
 
 
