@@ -29,7 +29,8 @@ def require_same_run(began: dict[str, Any], now: dict[str, Any], folder: Path) -
         what = f"the method is {after['config.method']}, and the run began with another"
         raise RledError(what, str(was)[:80], BEGIN_ANEW)
     if unshared := sorted(name for name in before.keys() ^ after.keys() if not name.startswith(SIMULATION)):
-        what = f"the run in {folder} was begun by a version with other settings ({', '.join(unshared)[:300]})"
+        more = f" and {len(unshared) - 3} more" if len(unshared) > 3 else ""
+        what = f"the run in {folder} was begun by a version with other settings ({', '.join(unshared[:3])}{more})"
         raise RledError(what, "a run that this version began", BEGIN_ANEW)
     for digest, kind in FILES.items():
         if before[digest] != after[digest]:
