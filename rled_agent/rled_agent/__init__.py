@@ -19,7 +19,9 @@ if TYPE_CHECKING:
     from rled_agent.data.demonstrations import Demonstrations
     from rled_agent.data.opening import open_demonstrations
     from rled_agent.learners.cloning import CloningConfig
-    from rled_agent.methods import Learning, Method, Problem, methods
+    from rled_agent.learners.td3 import TD3Config, TD3Learner
+    from rled_agent.methods import Learning, Method, Problem, all_methods
+    from rled_agent.methods.actor_critic import agent_strategy
     from rled_agent.nn.policy import Policy, load_policy
     from rled_agent.training.config import Schedule, TrainConfig
 
@@ -32,11 +34,14 @@ _HOMES = {
     "Policy": "nn.policy",
     "Problem": "methods",
     "Schedule": "training.config",
+    "TD3Config": "learners.td3",
+    "TD3Learner": "learners.td3",
     "TrainConfig": "training.config",
+    "agent_strategy": "methods.actor_critic",
     "clone": "api",
     "evaluate": "api",
     "load_policy": "nn.policy",
-    "methods": "methods",
+    "all_methods": "methods",
     "open_demonstrations": "data.opening",
     "train": "api",
 }
@@ -50,11 +55,14 @@ __all__ = [
     "Policy",
     "Problem",
     "Schedule",
+    "TD3Config",
+    "TD3Learner",
     "TrainConfig",
+    "agent_strategy",
+    "all_methods",
     "clone",
     "evaluate",
     "load_policy",
-    "methods",
     "open_demonstrations",
     "train",
 ]

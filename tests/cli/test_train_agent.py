@@ -21,7 +21,7 @@ import torch
 from gymnasium.envs.registration import EnvSpec
 from rled_agent.cli import train_agent
 from rled_agent.cli.presets import PRESETS
-from rled_agent.methods import methods
+from rled_agent.methods import all_methods
 from rled_agent.nn.policy import load_policy
 from rled_agent.training.checkpoint import Checkpoint, read_checkpoint
 from rled_agent.training.digests import bag_digest
@@ -273,10 +273,10 @@ def test_what_cannot_be_learned_is_one_line_and_nothing_is_written(refused, tmp_
     assert not (tmp_path / "run").exists()
 
 
-@pytest.mark.parametrize("name", [name for name, method in methods().items() if method.needs])
+@pytest.mark.parametrize("name", [name for name, method in all_methods().items() if method.needs])
 def test_a_method_that_lacks_what_it_needs_is_one_line_and_nothing_is_written(refused, tmp_path, name) -> None:
     said = refused([name], tmp_path / "run", 100)
-    lacking = " and ".join(methods()[name].needs)
+    lacking = " and ".join(all_methods()[name].needs)
     assert said == (
         f"error: {name} lacks {lacking}; accepted: --bag and --expert; "
         "record a bag with record_demos, clone it with train_expert"
@@ -301,8 +301,8 @@ def said(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) ->
 def test_all_presets_and_methods_stand_in_one_table_with_their_papers(said) -> None:
     table = said("--list")
     lines = {line.split()[0]: line for line in table.splitlines() if line}
-    assert set(lines) == {"preset", "method", *PRESETS, *methods()}
-    for name, method in methods().items():
+    assert set(lines) == {"preset", "method", *PRESETS, *all_methods()}
+    for name, method in all_methods().items():
         needed = ", ".join(method.needs) or "-"
         assert lines[name].split(maxsplit=1)[1].startswith(needed)
         assert lines[name].endswith(f"{method.title} ({method.paper})")
@@ -314,9 +314,9 @@ def test_all_presets_and_methods_stand_in_one_table_with_their_papers(said) -> N
         assert table in helped
 
 
-@pytest.mark.parametrize("name", methods())
+@pytest.mark.parametrize("name", all_methods())
 def test_the_help_of_a_method_names_its_paper_and_what_it_needs(said, name) -> None:
-    method, words = methods()[name], " ".join(said(name, "--help").replace("│", " ").split())
+    method, words = all_methods()[name], " ".join(said(name, "--help").replace("│", " ").split())
     assert method.paper in words
     for need in method.needs:
         assert need in words
@@ -331,17 +331,17 @@ def test_the_help_of_a_method_names_its_paper_and_what_it_needs(said, name) -> N
 def test_the_nearest_names_are_said_for_one_that_there_is_not(refused, tmp_path, typed, near) -> None:
     line = refused([typed], tmp_path / "run", 1)
     assert line.startswith(f"error: no preset or method '{typed}'; accepted: ")
-    assert near in line.split("accepted: ")[1].split(";")[0].split(", ")
-    assert line.endswith("; see them all: train_agent --list")
+    assert near in line.split("did you mean ")[1].split("?")[0].split(" or ")
+    assert line.endswith("? see what they are: train_agent --list")
 
 
 @pytest.mark.parametrize(
-    ("typed", "what"), [("xyzzy", "no preset or method 'xyzzy'"), ("--bag", "no preset or method is named")]
+    ("typed", "what"), [("xyzzy", "no preset or method 'xyzzy'"), ("--bag", "no preset or method is named before --bag")]
 )
 def test_a_name_like_none_is_answered_with_all_of_them(refused, tmp_path, typed, what) -> None:
     line = refused([typed], tmp_path / "run", 1)
     assert line.startswith(f"error: {what}; accepted: ")
-    assert all(name in line for name in (*PRESETS, *methods()))
+    assert all(name in line for name in (*PRESETS, *all_methods()))
 
 
 def test_recorded_motions_are_learned_from(train, planar_bag, planar_expert, tmp_path) -> None:

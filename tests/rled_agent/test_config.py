@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rled_agent.cli.presets import PRESETS, all_presets
 from rled_agent.learners.cloning import CloningConfig
-from rled_agent.methods import Method, methods
+from rled_agent.methods import Method, all_methods
 from rled_agent.methods.biased_exploration import BiasedExploration
 from rled_agent.methods.mc_rled import MCRLED
 from rled_agent.methods.td3 import TD3
@@ -43,7 +43,7 @@ def ranges(settings: object) -> dict[str, Range]:
     return {name: bound for name, bounds in annotated.items() for bound in bounds if isinstance(bound, Range)}
 
 
-CONFIGS = {name: TrainConfig(method()) for name, method in methods().items()}
+CONFIGS = {name: TrainConfig(method()) for name, method in all_methods().items()}
 
 
 @pytest.mark.parametrize("config", CONFIGS.values(), ids=CONFIGS)
@@ -78,7 +78,7 @@ JSON = st.recursive(
 
 
 def read(values: object) -> TrainConfig:
-    return TrainConfig.from_dict(values, methods())
+    return TrainConfig.from_dict(values, all_methods())
 
 
 def test_what_was_written_is_read_again():
@@ -189,9 +189,9 @@ def test_the_expert_of_the_thesis_is_the_default():
     assert (config.learning_rate, config.batch_size) == (1e-3, 256)
 
 
-@pytest.mark.parametrize("name", methods())
+@pytest.mark.parametrize("name", all_methods())
 def test_a_methods_name_is_its_files_and_comes_with_title_and_paper(name):
-    method = methods()[name]
+    method = all_methods()[name]
     assert issubclass(method, Method)
     assert method().name == name
     assert method.title
@@ -202,7 +202,7 @@ def test_a_methods_name_is_its_files_and_comes_with_title_and_paper(name):
 def test_a_gate_is_what_its_methods_settings_say():
     gate = MCRLED(threshold=0.25, measure="iqr", passes=7).gate
     assert (gate.threshold, gate.measure, gate.passes, gate.estimator) == (0.25, "iqr", 7, "dropout")
-    assert {name for name, method in methods().items() if method().gate is not None} == {"mc_rled"}
+    assert {name for name, method in all_methods().items() if method().gate is not None} == {"mc_rled"}
 
 
 # The settings that people start from.
@@ -242,8 +242,8 @@ def test_what_is_compared_differs_in_its_method_alone():
 
 def test_every_method_is_a_preset_with_its_own_settings():
     found = all_presets()
-    assert set(found) == {*PRESETS, *methods()}
-    for name, method in methods().items():
+    assert set(found) == {*PRESETS, *all_methods()}
+    for name, method in all_methods().items():
         assert found[name].config.method == method()
         assert found[name].summary == method.title
 

@@ -10,7 +10,7 @@ import pytest
 import torch
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from rled_agent.methods import methods
+from rled_agent.methods import all_methods
 from rled_agent.nn.architecture import Architecture
 from rled_agent.nn.perceptron import Perceptron
 from rled_agent.nn.policy import load_policy
@@ -238,6 +238,6 @@ def test_a_critic_that_the_file_does_not_hold_is_refused(changed, make_policy):
 def test_settings_beside_a_policy_are_refused_by_their_file(tmp_path, text):
     (tmp_path / "config.json").write_text(text)
     with pytest.raises(RledError) as caught:
-        RunDirectory(tmp_path).settings(methods())
+        RunDirectory(tmp_path).settings(all_methods())
     assert str(tmp_path) in str(caught.value)
     assert "\n" not in str(caught.value)

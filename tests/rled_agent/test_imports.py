@@ -9,7 +9,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from rled_agent.methods import methods
+from rled_agent.methods import all_methods
 
 import rled_agent
 
@@ -96,7 +96,7 @@ def test_what_trains_knows_the_seam_of_methods_and_no_method():
 
 def test_a_method_is_named_in_no_comparison_outside_the_methods():
     """Their names may be written down, in presets' names or texts, but nothing depends on which one it is."""
-    names = set(methods())
+    names = set(all_methods())
     for module in MODULES:
         if part_of(module) == "methods":
             continue
@@ -111,7 +111,7 @@ def test_a_method_is_named_in_no_comparison_outside_the_methods():
 
 
 def test_no_class_of_a_method_is_asked_for_outside_the_methods():
-    classes = {method.__name__ for method in methods().values()}
+    classes = {method.__name__ for method in all_methods().values()}
     for module in MODULES:
         for node in ast.walk(tree(module)):
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "isinstance":

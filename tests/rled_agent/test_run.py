@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from rled_agent.data.opening import open_demonstrations
 from rled_agent.learners.td3 import TD3Config
-from rled_agent.methods import methods
+from rled_agent.methods import all_methods
 from rled_agent.methods.biased_exploration import BiasedExploration
 from rled_agent.methods.mc_rled import MCRLED
 from rled_agent.methods.td3 import TD3
@@ -49,9 +49,9 @@ def refused(config: TrainConfig, given: Inputs) -> str:
     return str(caught.value)
 
 
-@pytest.mark.parametrize("name", methods())
+@pytest.mark.parametrize("name", all_methods())
 def test_a_method_that_lacks_what_it_needs_is_refused_by_its_name(inputs, name):
-    method = methods()[name]
+    method = all_methods()[name]
     lacking = {
         "expert": inputs._replace(expert=None),
         "demonstrations": inputs._replace(demonstrations=None),
@@ -66,9 +66,9 @@ def test_a_method_that_lacks_what_it_needs_is_refused_by_its_name(inputs, name):
             assert run.expert is None
 
 
-@pytest.mark.parametrize("name", [name for name, method in methods().items() if not method.needs])
+@pytest.mark.parametrize("name", [name for name, method in all_methods().items() if not method.needs])
 def test_a_method_that_does_not_serve_the_action_space_is_named(name):
-    said = refused(TrainConfig(methods()[name](), env="CartPole-v1", reward="own"), Inputs())
+    said = refused(TrainConfig(all_methods()[name](), env="CartPole-v1", reward="own"), Inputs())
     assert said == f"{name} cannot serve the action space Discrete(2); accepted: a Box of one dimension"
 
 
@@ -154,7 +154,7 @@ def make(name: str, reward: str = "own", starts: np.ndarray | None = None) -> gy
         ("..x:y", "own", "env '..x:y'"),
         ("x" * 500, "own", "env 'xxx"),
         ("Hopper-v5", "sparse", "env 'Hopper-v5'"),
-        ("Pendulum-v1", "sparse", "env 'Pendulum-v1' takes no reward; accepted: reward own, no bag"),
+        ("Pendulum-v1", "sparse", "env 'Pendulum-v1' takes no reward; accepted: --reward own, without --bag"),
     ],
 )
 def test_environments_that_cannot_be_learned_in_are_refused(name, reward, what):

@@ -14,7 +14,7 @@ from rled_agent.data.opening import open_demonstrations
 from rled_agent.exploration.uncertainty_gate import UncertaintyGate
 from rled_agent.learners.actor_losses import Cloning
 from rled_agent.learners.td3 import TD3Config
-from rled_agent.methods import methods
+from rled_agent.methods import all_methods
 from rled_agent.methods.biased_exploration import BiasedExploration
 from rled_agent.methods.ddpg import DDPG
 from rled_agent.methods.ibrl import IBRL
@@ -80,8 +80,8 @@ METHODS: dict[str, Method] = {
 
 
 def test_every_method_is_looked_at():
-    assert set(methods()) <= set(METHODS)
-    assert {type(method) for method in METHODS.values()} >= set(methods().values())
+    assert set(all_methods()) <= set(METHODS)
+    assert {type(method) for method in METHODS.values()} >= set(all_methods().values())
 
 
 def planar(method: Method, **changes: object) -> TrainConfig:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from rled_agent.learners.actor_losses import Cloning
 from rled_agent.learners.td3 import TD3Config
-from rled_agent.methods import methods
+from rled_agent.methods import all_methods
 from rled_agent.methods.biased_exploration import BiasedExploration
 from rled_agent.methods.mc_rled import MCRLED
 from rled_agent.methods.td3 import TD3
@@ -131,4 +131,4 @@ PRESETS: Mapping[str, Preset] = {
 
 def all_presets() -> Mapping[str, Preset]:
     """The presets, and each method with its own settings on the Panda's task with a sparse reward."""
-    return {**PRESETS, **{name: Preset(method.title, TrainConfig(method())) for name, method in methods().items()}}
+    return {**PRESETS, **{name: Preset(method.title, TrainConfig(method())) for name, method in all_methods().items()}}

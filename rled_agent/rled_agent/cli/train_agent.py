@@ -20,7 +20,7 @@ from rled_agent.bounds import MANY, Share
 from rled_agent.cli.presets import PRESETS, Preset, all_presets
 from rled_agent.data.corruption import Corruption
 from rled_agent.data.opening import open_demonstrations
-from rled_agent.methods import methods
+from rled_agent.methods import all_methods
 from rled_agent.nn.policy import load_policy, policy_file
 from rled_agent.training.config import TrainConfig
 from rled_agent.training.digests import bag_digest, file_digest
@@ -104,9 +104,9 @@ def _parsed(arguments: list[str]) -> Options | None:
         return None
     if name not in presets:
         near = difflib.get_close_matches(name, presets, cutoff=0.5)
-        accepted = f"{', '.join(near)}" if near else ", ".join(presets)
+        remedy = f"did you mean {' or '.join(near)}? " if near else ""
         what = f"no preset or method '{name[:80]}'" if not name.startswith("-") else "no preset or method is named"
-        raise RledError(what, accepted, f"see them all: {PROGRAM} --list")
+        raise RledError(what, ", ".join(presets), f"{remedy}see what they are: {PROGRAM} --list")
     return tyro.cli(
         Options,
         prog=f"{PROGRAM} {name}",
@@ -128,7 +128,9 @@ def _description(name: str, preset: Preset) -> str:
 def _table() -> str:
     """Presets and methods with their papers."""
     presets = [(name, preset.config.method.name, preset.summary) for name, preset in PRESETS.items()]
-    known = [(name, ", ".join(each.needs) or "-", f"{each.title} ({each.paper})") for name, each in methods().items()]
+    known = [
+        (name, ", ".join(each.needs) or "-", f"{each.title} ({each.paper})") for name, each in all_methods().items()
+    ]
     wide = max(len(row[0]) for row in presets + known) + 2
     next_wide = max(len(row[1]) for row in presets + known) + 2
     lines = [f"{'preset':<{wide}}{'method':<{next_wide}}what it is"]
@@ -172,12 +174,25 @@ def _open(directory: RunDirectory, options: Options, run: Run, bag: Bag | None) 
     record, trainer = _record(options, bag, run.trainer.env), run.trainer
     if not options.resume:
         directory.create(record)
+        print(_said(options))
         if run.expert is not None:
             directory.write_expert(trainer.evaluate_function(run.expert))
         return
     require_same_run(directory.config(), record, options.output)
     repeats = trainer.restore(directory.load())
     print(f"continuing at step {trainer.step:,}{'' if repeats else ', with a new episode'}")
+
+
+def _said(options: Options) -> str:
+    """What begins, in a line, and what is given in vain."""
+    config, needs = options.config, options.config.method.needs
+    vain = (
+        ""
+        if options.expert is None or "expert" in needs
+        else "; the expert does not act, it is evaluated for comparison"
+    )
+    task = f"{config.env}, reward {config.reward}"
+    return f"{config.method.name} on {task}, {config.schedule.steps:,} steps; the run is in {options.output}{vain}"
 
 
 def _record(options: Options, bag: Bag | None, env: Environment) -> dict[str, Any]:

@@ -166,7 +166,11 @@ def demonstration_points(bag: Bag, count: int = 0) -> DemonstrationPoints:
         spaced = np.linspace(0, len(of_joints) - 1, count).round().astype(np.int64)
         of_joints, of_poses = of_joints[spaced], of_poses[spaced]
     if len(of_joints) < 2:
-        raise DemonstrationError(f"the bag holds {len(of_joints)} marked points", "2 or more", "record with marks")
+        raise DemonstrationError(
+            f"the bag holds {len(of_joints)} marked points",
+            "2 or more",
+            "record with marks, or take the motions: --source trajectories",
+        )
     return DemonstrationPoints(poses.position[of_poses], joints.position[of_joints])
 
 

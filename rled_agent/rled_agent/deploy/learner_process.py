@@ -23,7 +23,7 @@ from rled_msgs_py.stopping import stop_requested
 
 from rled_agent.deploy.shared_parameters import SharedParameters
 from rled_agent.deploy.step_pipe import from_row, row_width
-from rled_agent.methods import Problem, methods
+from rled_agent.methods import Problem, all_methods
 from rled_agent.methods.td3 import TD3
 from rled_agent.nn.policy import load_policy, policy_file
 from rled_agent.replay.mixture import Mixture, Part
@@ -79,7 +79,7 @@ class LearnerProcess:
 
     def __init__(self, options: Options) -> None:
         policy, run = load_policy(options.policy), RunDirectory(policy_file(options.policy).parent)
-        config = run.settings(methods()) if run.config_path.exists() else TrainConfig(TD3())
+        config = run.settings(all_methods()) if run.config_path.exists() else TrainConfig(TD3())
         method = config.method
         settings = replace(method.learner, actor=policy.network.architecture)  # type: ignore[attr-defined]
         method = replace(method, learner=settings)  # type: ignore[type-var]

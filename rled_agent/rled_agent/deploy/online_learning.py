@@ -106,6 +106,8 @@ class OnlineLearning:
         Raises:
             OSError, RledError: the policy could not be written.
         """
+        if self.client is not None and not self.client.running:
+            raise RledError("the learning process has ended", "", "see what it said, and call ~/learn again")
         if self.client is not None:
             self.client.save()
         self._policy.save(self._state.with_name("policy.safetensors"))

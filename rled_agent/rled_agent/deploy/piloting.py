@@ -99,6 +99,9 @@ def load_policies(expert: str, agent: str) -> Policies:
     Raises:
         RledError: weights that can't be used, none at all, or not of one robot.
     """
+    if expert and not Path(expert).exists():
+        remedy = "name them with --expert, or drive without: --expert ''"
+        raise RledError(f"there is no expert in {expert}", "weights that train_expert wrote, or their folder", remedy)
     cloned = load_policy(Path(expert)) if expert else None
     if not agent and cloned is not None:
         return Policies(cloned, None)

@@ -25,7 +25,7 @@ CHUNK = 64
 
 @dataclass(frozen=True)
 class CloningConfig:
-    """Settings of section 4.1.3."""
+    """How the expert is cloned: the network and its training, by section 4.1.3."""
 
     architecture: Architecture = field(default_factory=lambda: Architecture(activation="leaky_relu"))
     """hidden part of the network"""

@@ -10,11 +10,11 @@ from functools import cache
 
 from rled_agent.methods.method import Learning, Method, Problem
 
-__all__ = ["Learning", "Method", "Problem", "methods"]
+__all__ = ["Learning", "Method", "Problem", "all_methods"]
 
 
 @cache
-def methods() -> Mapping[str, type[Method]]:
+def all_methods() -> Mapping[str, type[Method]]:
     """All methods by name, in alphabetical order."""
     found: dict[str, type[Method]] = {}
     for each in pkgutil.iter_modules(__path__):

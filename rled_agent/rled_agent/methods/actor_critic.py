@@ -45,7 +45,9 @@ def actor_critic(
     return Learning(learner, replay, batches, config.gamma)
 
 
-def agent(problem: Problem, learner: TD3Learner, noise: float, uncertainty: Uncertainty | None = None) -> Agent:
+def agent_strategy(
+    problem: Problem, learner: TD3Learner, noise: float, uncertainty: Uncertainty | None = None
+) -> Agent:
     """The learner's actor with exploration noise."""
     return Agent(network_function(learner.actor), Noise(noise, problem.generator), uncertainty)
 

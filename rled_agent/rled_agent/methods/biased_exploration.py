@@ -10,7 +10,7 @@ from rled_agent.exploration.policy_reuse import PolicyReuse
 from rled_agent.exploration.strategy import Strategy
 from rled_agent.learners.actor_losses import Cloning
 from rled_agent.learners.td3 import TD3Config, TD3Learner
-from rled_agent.methods.actor_critic import actor_critic, agent, recorded_uncertainty
+from rled_agent.methods.actor_critic import actor_critic, agent_strategy, recorded_uncertainty
 from rled_agent.methods.method import Learning, Method, Problem
 from rled_agent.nn.policy import Passes
 
@@ -47,5 +47,5 @@ class BiasedExploration(Method):
         """The expert in drawn episodes, the actor with noise in the others."""
         expert = problem.require_expert(self.name)
         unsure = recorded_uncertainty(problem, learner, self.passes)
-        acting = agent(problem, learner, self.noise, unsure)
+        acting = agent_strategy(problem, learner, self.noise, unsure)
         return PolicyReuse(acting, expert, self.phi, problem.generator, unsure)

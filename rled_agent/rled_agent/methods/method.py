@@ -80,8 +80,9 @@ class Method:
 
     @property
     def name(self) -> str:
-        """Name of its file."""
-        return type(self).__module__.rpartition(".")[2]
+        """Name of its file, or of its class where that is no file of this folder."""
+        folder, _, name = type(self).__module__.rpartition(".")
+        return name if folder == "rled_agent.methods" else type(self).__name__
 
     @property
     def gate(self) -> GateSettings | None:
@@ -89,13 +90,18 @@ class Method:
         return None
 
     def learning(self, problem: Problem) -> Learning:
-        """Make what learns; weights are drawn first."""
-        raise NotImplementedError
+        """Make what learns; weights are drawn first.
+
+        Raises:
+            RledError: the method has none.
+        """
+        raise RledError(f"method {self.name} does not say what learns", "learning(self, problem) -> Learning")
 
     def strategy(self, problem: Problem, learner: Any) -> Strategy:
         """Make who acts while it learns.
 
         Raises:
-            RledError: it needs an expert, and there is none.
+            RledError: it needs an expert, and there is none; or the method has none.
         """
-        raise NotImplementedError
+        remedy = "agent_strategy(problem, learner, noise) lets the learned policy act"
+        raise RledError(f"method {self.name} does not say who acts", "strategy(self, problem, learner)", remedy)

@@ -8,7 +8,7 @@ from rled_msgs_py.validation import Range
 from rled_agent.bounds import MAX_TRANSITIONS
 from rled_agent.exploration.strategy import Strategy
 from rled_agent.learners.td3 import TD3Config, TD3Learner
-from rled_agent.methods.actor_critic import actor_critic, agent
+from rled_agent.methods.actor_critic import actor_critic, agent_strategy
 from rled_agent.methods.method import Learning, Method, Problem
 
 
@@ -33,4 +33,4 @@ class Preloading(Method):
 
     def strategy(self, problem: Problem, learner: TD3Learner) -> Strategy:
         """The actor with noise."""
-        return agent(problem, learner, self.noise)
+        return agent_strategy(problem, learner, self.noise)

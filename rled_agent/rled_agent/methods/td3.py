@@ -9,7 +9,7 @@ from rled_agent.bounds import MANY
 from rled_agent.exploration.agent import RandomStart
 from rled_agent.exploration.strategy import Strategy
 from rled_agent.learners.td3 import TD3Config, TD3Learner
-from rled_agent.methods.actor_critic import actor_critic, agent
+from rled_agent.methods.actor_critic import actor_critic, agent_strategy
 from rled_agent.methods.method import Learning, Method, Problem
 
 
@@ -33,7 +33,7 @@ class TD3(Method):
 
     def strategy(self, problem: Problem, learner: TD3Learner) -> Strategy:
         """Random first actions, then the actor with noise."""
-        strategy: Strategy = agent(problem, learner, self.noise)
+        strategy: Strategy = agent_strategy(problem, learner, self.noise)
         if self.random_steps:
             strategy = RandomStart(strategy, self.random_steps, problem.action_size, problem.generator)
         return strategy

@@ -136,7 +136,7 @@ def policy_file(path: Path) -> Path:
     return found[0]
 
 
-def load_policy(path: Path) -> Policy:
+def load_policy(path: str | Path) -> Policy:
     """Read a policy that ``Policy.save`` wrote, from its file or from the folder of a training.
 
     From wherever it comes, it costs no more than its file explains.
@@ -145,7 +145,7 @@ def load_policy(path: Path) -> Policy:
         TensorFileError: missing, damaged, of another program or version, of other shapes, or with numbers that are
             not finite or so large that no action comes of them.
     """
-    path = policy_file(path)
+    path = policy_file(Path(path))
     with open_tensors(path, FORMAT, VERSION) as file:
         described = _described(file)
         task, sizes = described.task, _sizes(described.task)

@@ -58,9 +58,9 @@ def make_environment(config: TrainConfig, start_joints: NDArray[np.float64] | No
         raise RledError(
             f"env '{config.env[:80]}': {why}", "an id that Gymnasium knows, as rled/PandaReach-v0"
         ) from None
-    except TypeError as error:
-        why = str(error).partition(" was raised from ")[0]  # what follows repeats the options, arrays and all
-        raise RledError(f"env '{config.env}' takes no {', '.join(options)}", "reward own, no bag", why) from None
+    except TypeError:
+        taken = ", ".join(options)
+        raise RledError(f"env '{config.env}' takes no {taken}", "--reward own, without --bag") from None
     check_spaces(env, config.method.name)
     return env
 

@@ -4,7 +4,7 @@ import json
 from functools import lru_cache
 from pathlib import Path
 
-from rled_agent.methods import methods
+from rled_agent.methods import all_methods
 from rled_agent.training.config import TrainConfig
 from rled_agent.training.run_directory import RunDirectory
 
@@ -27,5 +27,5 @@ def read(data: bytes, folder: Path) -> None:
     run.config_path.write_bytes(data)
     values = run.config()
     assert isinstance(values, dict), f"settings that are a {type(values).__name__}"
-    config = TrainConfig.from_dict(values.get("config", {}), methods())
-    assert TrainConfig.from_dict(json.loads(json.dumps(config.to_dict())), methods()) == config
+    config = TrainConfig.from_dict(values.get("config", {}), all_methods())
+    assert TrainConfig.from_dict(json.loads(json.dumps(config.to_dict())), all_methods()) == config
