@@ -336,7 +336,8 @@ def test_the_nearest_names_are_said_for_one_that_there_is_not(refused, tmp_path,
 
 
 @pytest.mark.parametrize(
-    ("typed", "what"), [("xyzzy", "no preset or method 'xyzzy'"), ("--bag", "no preset or method is named before --bag")]
+    ("typed", "what"),
+    [("xyzzy", "no preset or method 'xyzzy'"), ("--bag", "no preset or method is named before --bag")],
 )
 def test_a_name_like_none_is_answered_with_all_of_them(refused, tmp_path, typed, what) -> None:
     line = refused([typed], tmp_path / "run", 1)

@@ -261,4 +261,4 @@ def learning_process(node: Child) -> list[int]:
     """The processes in which an agent node learns; one that has ended is not among them."""
     parent = node.process.pid
     children = map(int, Path(f"/proc/{parent}/task/{parent}/children").read_text().split())
-    return [each for each in children if b"learning_process" in Path(f"/proc/{each}/cmdline").read_bytes()]
+    return [each for each in children if b"learner_process" in Path(f"/proc/{each}/cmdline").read_bytes()]

@@ -42,7 +42,7 @@ def child_of(process: int) -> int:
     """A child of a process that runs the learning program."""
     for task in Path(f"/proc/{process}/task").iterdir():
         for child in (task / "children").read_text().split():
-            if b"learning_process" in Path(f"/proc/{child}/cmdline").read_bytes():
+            if b"learner_process" in Path(f"/proc/{child}/cmdline").read_bytes():
                 return int(child)
     raise ProcessLookupError("the agent does not learn")
 

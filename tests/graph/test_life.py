@@ -212,7 +212,7 @@ def test_a_dead_learning_process_is_missed_and_started_again(observer, learner) 
     with running("sim_node", *REAL_TIME), running("agent_node", *learner) as agent:
         await_learning(observer)
         for child in children_of(agent.process.pid):
-            if b"learning_process" in Path(f"/proc/{child}/cmdline").read_bytes():
+            if b"learner_process" in Path(f"/proc/{child}/cmdline").read_bytes():
                 subprocess.run(["kill", "-KILL", str(child)], check=True)
         report = observer.wait_report(name, lambda health: "learning process has ended" in health.message)
         assert report.level is Level.ERROR

@@ -105,7 +105,11 @@ def _parsed(arguments: list[str]) -> Options | None:
     if name not in presets:
         near = difflib.get_close_matches(name, presets, cutoff=0.5)
         remedy = f"did you mean {' or '.join(near)}? " if near else ""
-        what = f"no preset or method '{name[:80]}'" if not name.startswith("-") else "no preset or method is named"
+        what = (
+            f"no preset or method '{name[:80]}'"
+            if not name.startswith("-")
+            else f"no preset or method is named before {name[:80]}"
+        )
         raise RledError(what, ", ".join(presets), f"{remedy}see what they are: {PROGRAM} --list")
     return tyro.cli(
         Options,
