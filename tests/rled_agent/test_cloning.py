@@ -45,7 +45,7 @@ def test_the_validation_loss_falls(planar_bag, source):
 
 def test_the_learning_rate_falls_to_zero_along_a_cosine(zeta, monkeypatch):
     rates: list[float] = []
-    monkeypatch.setattr("rled_agent.learners.cloning.step", lambda optimizer, loss, rate: rates.append(rate))
+    monkeypatch.setattr("rled_agent.nn.adam.Adam.step", lambda self, loss, rate: rates.append(rate))
     clone(zeta, config=CloningConfig(SMALL, learning_rate=0.01, steps=4, batch_size=8))
     assert rates == pytest.approx([0.01, 0.01 * (0.5 + 0.5**1.5), 0.005, 0.01 * (0.5 - 0.5**1.5)])
 

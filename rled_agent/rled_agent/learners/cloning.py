@@ -13,7 +13,7 @@ from torch import Tensor
 
 from rled_agent.bounds import Count, Share
 from rled_agent.data.demonstrations import Demonstrations, StateActions
-from rled_agent.nn.adam import adam, step
+from rled_agent.nn.adam import Adam
 from rled_agent.nn.architecture import Architecture
 from rled_agent.nn.perceptron import Perceptron
 from rled_agent.nn.policy import Policy
@@ -85,13 +85,13 @@ def clone_expert(
         raise RledError("too few demonstrated trajectories to set some aside", "at least 2", "record more")
     scaling = _scaling(rest, generator)
     network = _network(rest, config, generator)
-    optimizer = adam(network, config.learning_rate)
+    optimizer = Adam(network)
     validation = _tensors(aside.sample(8192, generator), scaling)
     curve: list[CurvePoint] = []
     losses: list[Tensor] = []
     for k, (observations, actions) in enumerate(_batches(rest, scaling, config, generator), start=1):
         loss = _cloning_loss(network(observations)[0] - actions)
-        step(optimizer, loss, config.learning_rate * 0.5 * (1.0 + math.cos(math.pi * (k - 1) / config.steps)))
+        optimizer.step(loss, config.learning_rate * 0.5 * (1.0 + math.cos(math.pi * (k - 1) / config.steps)))
         losses.append(loss.detach())
         if k % config.validate_every == 0 or k == config.steps:
             curve.append(_validate(k, network, validation, losses))

@@ -14,7 +14,7 @@ from torch import Tensor
 from rled_agent.bounds import Amount, Share
 from rled_agent.learners.actor_losses import ActorLoss, policy_gradient
 from rled_agent.learners.learner import Update
-from rled_agent.nn.adam import adam, state_of, step
+from rled_agent.nn.adam import Adam
 from rled_agent.nn.architecture import Architecture
 from rled_agent.nn.perceptron import Perceptron
 from rled_agent.replay.transitions import Transitions
@@ -89,22 +89,25 @@ class TD3Learner:
         self.critic = Perceptron(inputs, 1, config.critic, generator, members=config.critics)
         self.target_actor, self.target_critic = self.actor.frozen(), self.critic.frozen()
         self._first_critic = self.critic.first()
-        self._actor_adam = adam(self.actor, config.actor_rate)
-        self._critic_adam = adam(self.critic, config.critic_rate)
+        pairs = ((self.target_critic, self.critic), (self.target_actor, self.actor))
+        self._targets = [each for target, _ in pairs for each in target.parameters()]
+        self._followed = [each for _, network in pairs for each in network.parameters()]
+        self._actor_adam = Adam(self.actor)
+        self._critic_adam = Adam(self.critic)
 
     def update(self, transitions: Transitions) -> Update:
         """One gradient step of the critics and, every ``delay`` of them, of actor and targets."""
         target = self._target(transitions)
         q = self.critic(torch.cat((transitions.observation, transitions.action), dim=1))  # (e, b, 1)
         error = q - target
-        loss = (error.square() * transitions.weight).sum() / len(target)  # Eq. 4.5, summed over the critics
-        step(self._critic_adam, loss, self._rate(self.config.critic_rate))  # Eq. 4.6
+        squared = error.square()
+        loss = (squared * transitions.weight).sum() / len(target)  # Eq. 4.5, summed over the critics
+        self._critic_adam.step(loss, self._rate(self.config.critic_rate))  # Eq. 4.6
         if (self.updates + 1) % self.config.delay == 0:
-            step(self._actor_adam, self._improvement(transitions), self._rate(self.config.actor_rate))  # Eq. 4.8
+            self._actor_adam.step(self._improvement(transitions), self._rate(self.config.actor_rate))  # Eq. 4.8
             self._update_targets()
         self.updates += 1
-        error = error.detach()
-        return Update(error.mean(dim=0)[:, 0], {"critic_loss": error.square(), "q": q.detach()})
+        return Update(error.detach().mean(dim=0)[:, 0], {"critic_loss": squared.detach(), "q": q.detach()})
 
     @torch.no_grad()
     def _target(self, transitions: Transitions) -> Tensor:
@@ -132,8 +135,7 @@ class TD3Learner:
 
     @torch.no_grad()
     def _update_targets(self) -> None:
-        for target, network in ((self.target_critic, self.critic), (self.target_actor, self.actor)):  # Eq. 4.7, 4.9
-            torch._foreach_lerp_([*target.parameters()], [*network.parameters()], self.config.tau)
+        torch._foreach_lerp_(self._targets, self._followed, self.config.tau)  # Eq. 4.7, 4.9
 
     @torch.no_grad()
     def value(self, observation: NDArray[np.float32], action: NDArray[np.float32]) -> float:
@@ -156,11 +158,8 @@ class TD3Learner:
             for name, network in self.networks().items()
             for part, tensor in network.named_parameters()
         }
-        for name, optimizer, network in (
-            ("actor_adam", self._actor_adam, self.actor),
-            ("critic_adam", self._critic_adam, self.critic),
-        ):
-            state |= {f"{name}.{part}": tensor for part, tensor in state_of(optimizer, network).items()}
+        for name, optimizer in (("actor_adam", self._actor_adam), ("critic_adam", self._critic_adam)):
+            state |= {f"{name}.{part}": tensor for part, tensor in optimizer.tensors().items()}
         return state | {"updates": self.updates}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:

@@ -57,6 +57,7 @@ class Perceptron(nn.Module):
         drawn = [_drawn(members, *shape, architecture.weights, generator) for shape in shapes]
         self.weights = nn.ParameterList(weight for weight, _ in drawn)
         self.biases = nn.ParameterList(bias for _, bias in drawn)
+        self._layers = tuple(drawn)  # a ParameterList is looked through by name, slowly
 
     def frozen(self) -> "Perceptron":
         """A copy of the same weights that no gradient reaches: a target network (Eq. 4.3)."""
@@ -68,6 +69,7 @@ class Perceptron(nn.Module):
         view.members, view._modules = 1, {}
         for name, parameters in (("weights", self.weights), ("biases", self.biases)):
             view.add_module(name, nn.ParameterList(nn.Parameter(each[:1].detach(), False) for each in parameters))
+        view._layers = tuple(zip(view.weights, view.biases, strict=True))
         return view
 
     @torch.no_grad()
@@ -112,13 +114,13 @@ class Perceptron(nn.Module):
         return output if masks else output.expand(-1, passes, -1)
 
     def _first_layer(self, x: Tensor) -> Tensor:
-        return torch.baddbmm(self.biases[0], x.expand(self.members, -1, -1), self.weights[0])
+        weight, bias = self._layers[0]
+        return torch.baddbmm(bias, x.expand(self.members, -1, -1), weight)
 
     def _rest(self, x: Tensor, masks: list[Tensor]) -> Tensor:
         """From the linear output of the first layer, (e, b, outputs) or with one row for all of the masks, on."""
         slope, normalised = SLOPE[self.architecture.activation], self.architecture.layer_norm
-        layers = zip(self.weights[1:], self.biases[1:], strict=True)
-        for k, (weight, bias) in enumerate(layers):
+        for k, (weight, bias) in enumerate(self._layers[1:]):
             if normalised:
                 x = functional.layer_norm(x, x.shape[-1:])
             x = functional.leaky_relu(x, slope, inplace=True) if slope else functional.relu(x, inplace=True)
@@ -132,7 +134,7 @@ class Perceptron(nn.Module):
         if generator is None or not self.architecture.dropout:
             return []
         shapes = [(self.members, rows, width) for width in self.architecture.hidden]
-        return [mask.to(self.weights[0]) for mask in dropout_masks(shapes, self.architecture.dropout, generator)]
+        return [mask.to(self._layers[0][0]) for mask in dropout_masks(shapes, self.architecture.dropout, generator)]
 
 
 def parameter_shapes(
