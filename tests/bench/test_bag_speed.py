@@ -15,6 +15,8 @@ from rled_msgs_py.records import JointSample
 from rled_msgs_py.topics import JOINT_STATES
 from rosbags.highlevel import AnyReader
 
+from .conftest import wanted
+
 MESSAGES = 1_000_000
 PART = 30_000
 """Messages that rosbags decodes; its rate does not depend on their number."""
@@ -67,4 +69,4 @@ def test_a_million_joint_states_are_read_five_times_as_fast_as_rosbags_decodes_t
     figure("bag_messages_per_s", round(median(mine for mine, _ in rates)))
     figure("rosbags_messages_per_s", round(median(peer for _, peer in rates)))
     figure("bag_read_vs_rosbags", round(ratio, 1))
-    assert ratio >= 5.0
+    wanted(ratio >= 5.0, "bag_read_vs_rosbags of 5 or more")

@@ -13,6 +13,8 @@ from rled_agent.training.metrics import MetricsAccumulator
 from rled_agent.training.run import Inputs, composed
 from rled_msgs_py.processes import Children, program
 
+from .conftest import wanted
+
 ROUNDS, STEPS, LEARNING_AFTER = 7, 150, 200
 SCHEDULE = replace(PANDA_BIASED.schedule, train_after=LEARNING_AFTER, train_every=1, gradient_steps=1)
 CONFIG = replace(PANDA_BIASED, method=TD3(noise=0.5, learner=PANDA_BIASED.method.learner), schedule=SCHEDULE)
@@ -49,4 +51,4 @@ def test_training_over_the_graph_keeps_three_quarters_of_its_pace(figure):
         figure(f"training_steps_per_s_{name}", statistics.median(values))
     share = statistics.median(b / a for a, b in zip(rates["in_process"], rates["over_graph"], strict=True))
     figure("training_graph_vs_process", share)
-    assert share >= 0.75
+    wanted(share >= 0.75, "training_graph_vs_process of 0.75 or more")

@@ -17,6 +17,8 @@ from rled_agent.replay.uniform import UniformReplay
 from rled_agent.uncertainty.uncertainty import MonteCarloDropout
 from torch import nn
 
+from .conftest import wanted
+
 OBSERVATION, ACTION, BATCH, HIDDEN = 10, 7, 100, (400, 300)
 ROUNDS, STEPS = 9, 100
 
@@ -180,8 +182,8 @@ def test_the_learner_outpaces_stable_baselines_and_nears_the_matrix_products(fig
         figure(f"updates_per_s_{name}", statistics.median(values))
     for other in ("sb3", "eager", "bound"):
         figure(f"learner_vs_{other}", ratio(seen, "ours", other))
-    assert ratio(seen, "ours", "sb3") >= 1.0  # wanted are 1.3 and 0.66; processors differ
-    assert ratio(seen, "ours", "bound") >= 0.5
+    wanted(ratio(seen, "ours", "sb3") >= 1.3, "learner_vs_sb3 of 1.3 or more")
+    wanted(ratio(seen, "ours", "bound") >= 0.66, "learner_vs_bound of 0.66 or more")
 
 
 def test_the_gate_costs_little_more_than_one_forward_pass(figure):
@@ -192,4 +194,4 @@ def test_the_gate_costs_little_more_than_one_forward_pass(figure):
     forward = torch.inference_mode()(lambda: actor(rows))
     seen = rates({"forward": forward, "gate": lambda: gate(row)}, steps=1_000)
     figure("gate_vs_forward", ratio(seen, "forward", "gate"))
-    assert ratio(seen, "forward", "gate") <= 4.0  # wanted are 3
+    wanted(ratio(seen, "forward", "gate") <= 3.0, "gate_vs_forward of 3 at most")

@@ -31,6 +31,8 @@ ECHO = """
 import rclpy
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
+
+from .conftest import wanted
 rclpy.init()
 node = Node("echo")
 output = node.create_publisher(JointState, "echo/joint_delta", 10)
@@ -127,11 +129,11 @@ def test_the_actor_answers_in_the_time_of_one_and_a_half_echoes(figure, tmp_path
     agent, echo = loop_against_echo(plain, plain)
     figure("loop_echo_ms", echo * 1e3)
     figure("loop_vs_echo_actor", agent / echo)
-    assert agent / echo <= 1.6
+    wanted(agent / echo <= 1.6, "loop_vs_echo_actor of 1.6 at most")
 
 
 def test_the_gate_answers_in_the_time_of_two_and_a_half_echoes(figure, tmp_path):
     dropout = untrained(tmp_path / "dropout", 0.1)
     agent, echo = loop_against_echo(dropout, dropout)
     figure("loop_vs_echo_gate", agent / echo)
-    assert agent / echo <= 2.5
+    wanted(agent / echo <= 2.5, "loop_vs_echo_gate of 2.5 at most")

@@ -11,6 +11,7 @@ from rled_msgs_py.processes import Children, program
 
 from ..web.conftest import await_that, free_port, is_open
 from ..web.socket_visitor import SocketVisitor
+from .conftest import wanted
 from .test_deadlines import PERIOD, Watch
 
 SECONDS = 20.0
@@ -45,7 +46,8 @@ def test_pages_cost_control_no_deadlines(figure, address):
     for name, seconds in loops.items():
         figure(f"page_{name}_p99_ms", float(np.quantile(seconds, 0.99) * 1e3))
         figure(f"page_{name}_miss_share", float(np.mean(seconds > PERIOD)))
-    assert max(np.mean(seconds > PERIOD) for seconds in loops.values()) <= 1e-3
+    worst = max(float(np.mean(seconds > PERIOD)) for seconds in loops.values())
+    wanted(worst <= 1e-3, "page_*_miss_share of 0.001 at most")
 
 
 def test_from_the_command_to_a_robot_that_moves(figure):
@@ -63,4 +65,4 @@ def test_from_the_command_to_a_robot_that_moves(figure):
         me.close()
     figure("page_open_s", opened)
     figure("page_moving_robot_s", moved)
-    assert moved < 5.0
+    wanted(moved < 5.0, "page_moving_robot_s below 5")

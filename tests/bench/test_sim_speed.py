@@ -11,6 +11,8 @@ from rled_sim.robots import ROBOTS
 
 import rled_sim  # noqa: F401
 
+from .conftest import wanted
+
 ROUNDS = 7
 
 
@@ -53,7 +55,7 @@ def test_environment_is_forty_times_as_fast_as_panda_gyms_joint_reach(figure):
     figure("env_steps_per_s", round(median(mine for mine, _ in rates)))
     figure("panda_gym_steps_per_s", round(median(peer for _, peer in rates)))
     figure("env_vs_panda_gym", round(median(ratios), 1))
-    assert median(ratios) >= 40.0
+    wanted(median(ratios) >= 40.0, "env_vs_panda_gym of 40 or more")
 
 
 def test_batch_kinematics_make_three_million_configurations_a_second(figure):
@@ -66,4 +68,4 @@ def test_batch_kinematics_make_three_million_configurations_a_second(figure):
         robot.chain.position(q)
         rates.append(len(q) / (time.perf_counter() - begin))
     figure("fk_per_s", round(median(rates)))
-    assert median(rates) >= 3e6
+    wanted(median(rates) >= 3e6, "fk_per_s of 3 million or more")

@@ -90,8 +90,8 @@ class TD3Learner:
         self.target_actor, self.target_critic = self.actor.frozen(), self.critic.frozen()
         self._first_critic = self.critic.first()
         pairs = ((self.target_critic, self.critic), (self.target_actor, self.actor))
-        self._targets = [each for target, _ in pairs for each in target.parameters()]
-        self._followed = [each for _, network in pairs for each in network.parameters()]
+        self._targets: list[Tensor] = [each for target, _ in pairs for each in target.parameters()]
+        self._followed: list[Tensor] = [each for _, network in pairs for each in network.parameters()]
         self._actor_adam = Adam(self.actor)
         self._critic_adam = Adam(self.critic)
 
