@@ -24,6 +24,7 @@ from rled_sim.sim_params import SimParams, simulation_of
 from rled_sim.ticks import tick_of
 from sensor_msgs.msg import JointState
 
+from .conftest import wanted
 from .weights import DESCRIPTION, untrained
 
 ROUNDS, LOOPS, WARM_UP = 41, 50, 100
@@ -31,8 +32,6 @@ ECHO = """
 import rclpy
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
-
-from .conftest import wanted
 rclpy.init()
 node = Node("echo")
 output = node.create_publisher(JointState, "echo/joint_delta", 10)
