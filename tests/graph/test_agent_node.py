@@ -146,7 +146,7 @@ def test_an_agent_and_an_expert_of_two_robots_end_the_node(refused, panda_weight
 
 
 def test_missing_or_damaged_weights_end_the_node(refused, tmp_path) -> None:
-    assert f"there is no {tmp_path / 'gone'}" in refused("--expert", tmp_path / "gone")
+    assert f"there is no expert in {tmp_path / 'gone'}" in refused("--expert", tmp_path / "gone")
     (tmp_path / "damaged").write_bytes(b"weights")
     assert f"{tmp_path / 'damaged'} is damaged" in refused("--expert", tmp_path / "damaged")
     assert "accepted" in refused("--expert", "")
