@@ -105,7 +105,9 @@ def test_a_person_who_asks_for_the_impossible_does_not_take_over(graph, say, del
 def test_what_a_person_did_is_marked_for_the_learner(graph, say, state) -> None:
     assert graph.call(SetBool, "agent_node/learn", data=True).success
     graph.wait_report(NAME, lambda health: int(health.values.get("offered", 0)) > 0)
+    configure(graph, human_timeout=3.0)  # beside a learner, a person's first command may be many states late
     drive(graph, say, 30)
+    configure(graph, human_timeout=0.3)
     await_decision(graph, lambda each: each.actor is Actor.AGENT, "the agent's turn")
     assert graph.call(SetBool, "agent_node/learn", data=False).success
     graph.wait(state.exists, "the state of learning")
