@@ -88,11 +88,11 @@ class LearnerProcess:
         draws = np.random.default_rng(options.seed)
         sizes = policy.network.sizes[0], policy.network.sizes[-1]
         problem = Problem(*sizes, config.schedule.capacity, draws, generator)
-        self.learning, self.by_person = method.learning(problem), problem.replay()
-        self.batches = Mixture(self.learning.batches, Part(self.by_person, options.person_share))
-        self.learner, self.width = self.learning.learner, row_width(*sizes)
-        self.learner.actor.load_state_dict(policy.network.state_dict())
-        self.learner.target_actor.load_state_dict(policy.network.state_dict())
+        learning, self.by_person = method.learning(problem), problem.replay()
+        batches = Mixture(learning.batches, Part(self.by_person, options.person_share))
+        self.learning = learning._replace(batches=batches)
+        self.learner, self.width = learning.learner, row_width(*sizes)
+        self.learner.start_from(policy.network)
         before = next((path for path in (options.checkpoint, run.checkpoint_path) if path.exists()), None)
         if before is not None:
             self._go_on(read_checkpoint(before), before)
@@ -130,9 +130,7 @@ class LearnerProcess:
 
     def update(self) -> None:
         """One gradient step."""
-        transitions = self.batches.sample(self._batch_size)
-        update = self.learner.update(transitions)
-        self.batches.update_priorities(transitions.indices, update.td_error)
+        self.learning.update(self._batch_size)
         self._made += 1
 
     def save(self) -> None:

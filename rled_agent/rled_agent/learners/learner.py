@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any, NamedTuple, Protocol
 
+import torch
 from torch import Tensor
 
 from rled_agent.nn.perceptron import Perceptron
@@ -26,6 +27,8 @@ class Learner(Protocol):
 
     updates: int
     """Gradient steps taken."""
+    generator: torch.Generator
+    """Draws all that the update draws."""
 
     @property
     def actor(self) -> Perceptron:
@@ -35,6 +38,10 @@ class Learner(Protocol):
     @property
     def critic(self) -> Perceptron:
         """Q of normalised observation and action, a member for each critic."""
+        ...
+
+    def start_from(self, actor: Perceptron) -> None:
+        """Begin with the weights of a policy that is there already."""
         ...
 
     def update(self, transitions: Transitions) -> Update:

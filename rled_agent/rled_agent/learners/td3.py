@@ -95,6 +95,11 @@ class TD3Learner:
         self._actor_adam = Adam(self.actor)
         self._critic_adam = Adam(self.critic)
 
+    def start_from(self, actor: Perceptron) -> None:
+        """Begin with the weights of a policy that is there already; the target follows from there."""
+        for network in (self.actor, self.target_actor):
+            network.load_state_dict(actor.state_dict())
+
     def update(self, transitions: Transitions) -> Update:
         """One gradient step of the critics and, every ``delay`` of them, of actor and targets."""
         target = self._target(transitions)

@@ -8,6 +8,7 @@ import torch
 from rled_msgs_py.errors import RledError
 
 from rled_agent.exploration.strategy import PolicyFunction, Strategy
+from rled_agent.learners.learner import Learner, Update
 from rled_agent.nn.policy import GateSettings
 from rled_agent.replay.replay import Replay, Sampler
 from rled_agent.replay.uniform import UniformReplay
@@ -59,10 +60,17 @@ class Learning(NamedTuple):
         gamma: γ, of the transitions that are put in.
     """
 
-    learner: Any
+    learner: Learner
     replay: Replay
     batches: Sampler
     gamma: float
+
+    def update(self, batch_size: int) -> Update:
+        """One gradient step on a batch, whose errors become its priorities."""
+        transitions = self.batches.sample(batch_size)
+        update = self.learner.update(transitions)
+        self.batches.update_priorities(transitions.indices, update.td_error)
+        return update
 
 
 class Method:

@@ -118,11 +118,8 @@ class Trainer:
         return Step(self._observation, choice.action, float(reward), discount, following, source, is_last), info
 
     def _learn(self, gradient_steps: int) -> None:
-        learner, batches = self.learning.learner, self.learning.batches
         for _ in range(gradient_steps):
-            transitions = batches.sample(self.schedule.batch_size)
-            update = learner.update(transitions)
-            batches.update_priorities(transitions.indices, update.td_error)
+            update = self.learning.update(self.schedule.batch_size)
             self.metrics.updates.append(update)
         if gradient_steps and not math.isfinite(float(update.td_error.sum())):
             raise DivergenceError(f"a loss is no number at step {self.step}", "", "lower the learning rates")
