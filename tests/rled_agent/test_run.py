@@ -49,6 +49,19 @@ def refused(config: TrainConfig, given: Inputs) -> str:
     return str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("env", "reward", "what"),
+    [
+        ("rled/PandaReach-v0", "sparse", "the expert is for robot planar"),
+        ("Pendulum-v1", "own", "no robot that a bag or an expert could be of"),
+    ],
+)
+def test_an_expert_of_another_robot_is_refused_without_a_bag_too(planar_expert, env, reward, what):
+    inputs = Inputs(None, load_policy(planar_expert))
+    with pytest.raises(RledError, match=what), composed(TrainConfig(GATE, env=env, reward=reward), inputs):
+        pass
+
+
 @pytest.mark.parametrize("name", all_methods())
 def test_a_method_that_lacks_what_it_needs_is_refused_by_its_name(inputs, name):
     method = all_methods()[name]

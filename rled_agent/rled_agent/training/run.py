@@ -133,15 +133,15 @@ def _compose(config: TrainConfig, inputs: Inputs, env: Environment, evaluation_e
 def _scaling(config: TrainConfig, inputs: Inputs, env: Environment) -> Scaling:
     """Of the demonstrations, or of the environment's bounds where there are none."""
     task = task_of(env)
-    if task is None and any(inputs):
+    if task is None and inputs != Inputs():
         raise RledError(
             f"env '{config.env}' has no robot that a bag or an expert could be of", "an environment of rled"
         )
+    for given, whose in ((inputs.demonstrations, "the bag"), (inputs.expert, "the expert")):
+        if given is not None and task is not None:
+            task.require_same_robot(given.task, whose)
     if inputs.demonstrations is None or task is None:
         return scaling_of_bounds(bounds(env.observation_space), bounds(env.action_space))
-    task.require_same_robot(inputs.demonstrations.task, "the bag")
-    if inputs.expert is not None:
-        task.require_same_robot(inputs.expert.task, "the expert")
     visited = inputs.demonstrations.visited
     return scaling_of_points(task, visited.positions, visited.joints)
 
