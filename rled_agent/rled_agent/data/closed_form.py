@@ -79,6 +79,11 @@ class JoinedPoints:
     def _goals(self) -> NDArray[np.int64]:
         return self.corruption.goals_shown(len(self.points.joints))
 
+    @cached_property
+    def _is_one_target(self) -> bool:
+        points = self.points.positions
+        return bool((_squared(points - points[0]) < self.task.tolerance).all())
+
     @property
     def visited(self) -> DemonstrationPoints:
         """ζᵃ."""
@@ -112,7 +117,7 @@ class JoinedPoints:
             DemonstrationError: points so near to each other that no transition leads to a target not yet reached.
         """
         points, tolerance = self.points.positions, self.task.tolerance
-        if (_squared(points - points[0]) < tolerance).all():
+        if self._is_one_target:
             what = "all marked points lie within the tolerance of one target"
             raise DemonstrationError(what, f"points {tolerance**0.5:.3g} m apart or more", "mark more of the curve")
         drawn = self.draw(size, generator)

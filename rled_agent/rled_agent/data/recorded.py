@@ -151,9 +151,9 @@ def _carried_out(task: TaskDescription, line: Timeline, is_chosen: NDArray[np.bo
     counts = np.stack([line.episode, line.step])
     before = np.flatnonzero((np.diff(counts, axis=1) == [[0], [1]]).all(axis=0))
     delta = line.q[before + 1] - line.q[before]
-    before = before[is_chosen[before] & (np.abs(delta) > STILL * task.max_delta).any(axis=1)]
+    kept = is_chosen[before] & (np.abs(delta) > STILL * task.max_delta).any(axis=1)
+    before, action = before[kept], np.clip(delta[kept], -task.max_delta, task.max_delta)
     after = before + 1
-    action = np.clip(line.q[after] - line.q[before], -task.max_delta, task.max_delta)
     final = (line.reached[after] == task.targets_per_episode).astype(np.float64)
     states = line.q[before], line.position[before], line.target[before], action
     following = line.q[after], line.position[after], line.target[after]

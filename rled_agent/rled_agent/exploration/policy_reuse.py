@@ -5,9 +5,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rled_msgs_py.records import GateCode
+from rled_msgs_py.records import Actor, GateCode
 
-from rled_agent.exploration.agent import Expert
 from rled_agent.exploration.strategy import Choice, PolicyFunction, Strategy
 from rled_agent.uncertainty.uncertainty import Uncertainty
 
@@ -42,7 +41,7 @@ class PolicyReuse(Strategy):
         if not self.expert_episode:
             return self.strategy.act(observation)
         estimated = self.uncertainty(observation).uncertainty if self.uncertainty else {}
-        return Expert(self.expert).act(observation)._replace(code=GateCode.DRAWN, uncertainty=estimated)
+        return Choice(self.expert(observation), Actor.EXPERT, GateCode.DRAWN, estimated)
 
     def end(self, episode_return: float) -> None:
         """An episode has ended."""

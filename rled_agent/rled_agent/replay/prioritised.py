@@ -94,10 +94,9 @@ class PrioritisedReplay(Replay):
     def _set_raised(self, index: Array, raised: Array) -> None:
         node = self._leaves + index
         self._sums[node] = raised
-        while (node := np.unique(node // 2))[-1] > 0:
+        while node.size and node[0] > 1:  # all of them are equally deep
+            node = np.unique(node // 2)
             self._sums[node] = self._sums[2 * node] + self._sums[2 * node + 1]
-            if node[-1] == 1:
-                break
 
     def _find(self, sums: Array) -> Array:
         """The transitions that running sums of priorities lie in, shape (b,)."""
