@@ -1,21 +1,19 @@
 """The whole way in three functions, for notebooks and other packages."""
 
 from collections.abc import Callable
-from contextlib import closing
 from pathlib import Path
 from threading import Event
 
 import numpy as np
+from rled_sim.vector.reach import ReachBatch
 
 from rled_agent.data.demonstrations import Demonstrations
 from rled_agent.learners.cloning import CloningConfig, CurvePoint, clone_expert
-from rled_agent.methods.td3 import TD3
 from rled_agent.nn.policy import Policy
 from rled_agent.training.config import TrainConfig
-from rled_agent.training.environments import environment_of, make_environment
-from rled_agent.training.rollout import mean_result, roll_out
+from rled_agent.training.evaluating import evaluate_policy
+from rled_agent.training.learning import train as learn
 from rled_agent.training.run import Inputs, composed
-from rled_agent.training.run import train as train_run
 from rled_agent.training.run_directory import RunDirectory
 
 
@@ -57,10 +55,10 @@ def train(
     """
     directory = RunDirectory(Path(output))
     directory.require_new()
-    with composed(config, Inputs(demonstrations, expert)) as run:
+    with composed([config], Inputs(demonstrations, (expert,) if expert else ())) as population:
         directory.create({"config": config.to_dict()})
-        train_run(run, directory, stop or Event())
-        return run.policy()
+        learn(population, [directory], stop or Event())
+        return population.policy(0)
 
 
 def evaluate(policy: Policy, demonstrations: Demonstrations, episodes: int = 20, seed: int = 0) -> dict[str, float]:
@@ -73,6 +71,5 @@ def evaluate(policy: Policy, demonstrations: Demonstrations, episodes: int = 20,
         RledError: a robot without a task, or demonstrations of another.
     """
     policy.task.require_same_robot(demonstrations.task, "the demonstrations")
-    config = TrainConfig(TD3(), env=environment_of(policy.task.robot), reward=policy.task.reward)
-    with closing(make_environment(config, demonstrations.starts)) as env:
-        return mean_result(roll_out(env, policy.act, episodes, seed))
+    batch = ReachBatch(policy.task.robot, episodes, reward=policy.task.reward, start_joints=demonstrations.starts)
+    return evaluate_policy(policy, batch, seed)

@@ -137,14 +137,11 @@ def _drive(
     robot: str, points: DemonstrationPoints, policies: Mapping[str, Policy], options: Options
 ) -> dict[str, dict[str, float]]:
     """Mean result of each policy in the same whole episodes."""
-    config = TrainConfig(TD3(), env=environment_of(robot), reward="dense", faults=options.faults)
+    batch = ReachBatch(robot, options.episodes, reward="dense", start_joints=points.joints, faults=options.faults)
     results: dict[str, dict[str, float]] = {}
-    with (
-        contextlib.closing(make_environment(config, points.joints)) as env,
-        Progress("policy", len(policies)) as progress,
-    ):
+    with Progress("policy", len(policies)) as progress:
         for done, (name, policy) in enumerate(policies.items(), start=1):
-            results[name] = mean_result(roll_out(env, policy.act, options.episodes, options.seed))
+            results[name] = evaluate_policy(policy, batch, options.seed)
             progress.say(done, {"targets": results[name]["targets_reached"]})
     return results
 

@@ -2,11 +2,13 @@
 
 import difflib
 import inspect
+import itertools
 import json
 import sys
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from threading import Event
 from typing import Annotated, Any, Literal
 
 import torch
@@ -14,20 +16,25 @@ import tyro
 from rled_msgs_py.bags import Bag
 from rled_msgs_py.errors import RledError, command_line
 from rled_msgs_py.stopping import stop_requested
+from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.validation import Range, check_fields
 
 from rled_agent.bounds import MANY, Share
+from rled_agent.cli.members import Member, members_of
 from rled_agent.cli.presets import PRESETS, Preset, all_presets
 from rled_agent.data.corruption import Corruption
+from rled_agent.data.demonstrations import Demonstrations
 from rled_agent.data.opening import open_demonstrations
 from rled_agent.methods import all_methods
-from rled_agent.nn.policy import load_policy, policy_file
+from rled_agent.nn.device import require_device
+from rled_agent.nn.policy import Policy, load_policy, policy_file
 from rled_agent.training.config import TrainConfig
 from rled_agent.training.digests import bag_digest, file_digest
-from rled_agent.training.environments import Environment, require_robot_of, task_of
+from rled_agent.training.environment_batch import Environment
+from rled_agent.training.environments import require_robot_of
+from rled_agent.training.learning import train
 from rled_agent.training.resuming import require_same_run
-from rled_agent.training.run import Inputs, Run, composed, train
-from rled_agent.training.run_directory import RunDirectory
+from rled_agent.training.run import Inputs, Population, composed
 
 PROGRAM = "train_agent"
 USAGE = f"""usage: {PROGRAM} NAME [options]     NAME is a preset or a method; its options: {PROGRAM} NAME --help
@@ -49,7 +56,13 @@ class Options:
     bag: Path | None = None
     """demonstrations: rosbag2 folder or .mcap file; episodes start where its motions do"""
     expert: Path | None = None
-    """weights that train_expert wrote, or their folder"""
+    """weights that train_expert wrote, or their folder; {seed} in it is the seed of a run"""
+    seeds: str = ""
+    """several runs made together, as 0-7 or 0,2,5: each the same as alone, in a folder of its own, OUTPUT/seed-0"""
+    sweep: tuple[str, ...] = ()
+    """several values of a number of the method, as phi=0,0.1,0.3: runs for each, in OUTPUT/phi-0.1/seed-0"""
+    device: str = "cpu"
+    """of networks, replay and environments: cpu, cuda, cuda:1"""
     source: Literal["points", "trajectories"] = "points"
     """points: every pair of marked points, joined in closed form; trajectories: the motions as recorded, by anybody"""
     points: Annotated[int, Range(0, MANY)] = 0
@@ -74,19 +87,44 @@ def main() -> None:
     torch.set_num_threads(1)
     torch.set_flush_denormal(True)
     check_fields(options)
-    directory = RunDirectory(options.output)
-    if options.resume:
-        directory.require_resumable()
-    else:
-        directory.require_new()
+    require_device(options.device)
+    members = members_of(options.config, options.seeds, options.sweep, options.output)
+    if options.over == "graph" and len(members) > 1:
+        raise RledError(f"{len(members)} runs over one graph", "one", "leave out --seeds and --sweep")
+    for each in members:
+        each.directory.require_resumable() if options.resume else each.directory.require_new()
     bag = Bag(options.bag) if options.bag else None
     if bag is not None:
         require_robot_of(bag.task, options.config.env, f"bag {bag.path}")
-    with composed(options.config, _inputs(options), _training_env(options)) as run:
-        _open(directory, options, run, bag)
-        with stop_requested() as stop:
-            train(run, directory, stop)
-    print(f"{run.trainer.step:,} of {options.config.schedule.steps:,} steps; the run is in {options.output}")
+    demonstrations = _demonstrations(options)
+    with stop_requested() as stop:
+        for group in _groups(options, members):
+            if not stop.is_set():
+                _make(options, group, bag, demonstrations, stop)
+
+
+def _groups(options: Options, members: list[Member]) -> list[list[Member]]:
+    """Runs that stand at the same step: those of a population that was killed while it saved may not."""
+    if not options.resume:
+        return [members]
+    if len(members) > 1:
+        members = [each for each in members if not each.directory.diverged_path.exists()]
+    steps = {id(each): each.directory.step() for each in members}
+    members = sorted(members, key=lambda each: steps[id(each)])
+    return [[*group] for _, group in itertools.groupby(members, key=lambda each: steps[id(each)])]
+
+
+def _make(
+    options: Options, members: list[Member], bag: Bag | None, demonstrations: Demonstrations | None, stop: Event
+) -> None:
+    """Begin runs in their folders, or go on with those there, and learn."""
+    configs, directories = [each.config for each in members], [each.directory for each in members]
+    inputs = Inputs(demonstrations, _experts(options, members))
+    with composed(configs, inputs, _training_env(options), options.device) as population:
+        _open(members, options, population, bag)
+        train(population, directories, stop)
+    runs = f"the run is in {directories[0].path}" if len(members) == 1 else f"{len(members)} runs are in {options.output}"
+    print(f"{population.trainer.step:,} of {options.config.schedule.steps:,} steps; {runs}")
 
 
 def _parsed(arguments: list[str]) -> Options | None:
@@ -143,23 +181,30 @@ def _table() -> str:
     return "\n".join(lines + [f"{name:<{wide}}{needs:<{next_wide}}{title}" for name, needs, title in known])
 
 
-def _inputs(options: Options) -> Inputs:
-    demonstrations = None
-    if options.bag is not None:
-        demonstrations = open_demonstrations(
-            options.bag, options.source, options.min_quality, print, options.points, options.corruption
-        )
-    return Inputs(demonstrations, load_policy(options.expert) if options.expert is not None else None)
+def _demonstrations(options: Options) -> Demonstrations | None:
+    if options.bag is None:
+        return None
+    return open_demonstrations(
+        options.bag, options.source, options.min_quality, print, options.points, options.corruption
+    )
 
 
-def _training_env(options: Options) -> Callable[[Environment], Environment] | None:
+def _experts(options: Options, members: list[Member]) -> tuple[Policy, ...]:
+    """One for each run, read once where it is the same."""
+    template = options.expert
+    if template is None:
+        return ()
+    read = {path: load_policy(path) for path in dict.fromkeys(each.path(template) for each in members)}
+    return tuple(read[each.path(template)] for each in members)
+
+
+def _training_env(options: Options) -> Callable[[TaskDescription | None], Environment] | None:
     """Makes the environment over the graph, where that is asked for."""
     if options.over == "process":
         return None
     from rled_agent.nodes.graph_env import GraphEnv
 
-    def connect(evaluation_env: Environment) -> Environment:
-        task = task_of(evaluation_env)
+    def connect(task: TaskDescription | None) -> Environment:
         if task is None:
             raise RledError(f"no simulation on the graph runs env '{options.config.env}'", "an environment of rled")
         env = GraphEnv()
@@ -173,21 +218,25 @@ def _training_env(options: Options) -> Callable[[Environment], Environment] | No
     return connect
 
 
-def _open(directory: RunDirectory, options: Options, run: Run, bag: Bag | None) -> None:
-    """Begin a run in its folder, or go on with the one there."""
-    record, trainer = _record(options, bag, run.trainer.env), run.trainer
+def _open(members: list[Member], options: Options, population: Population, bag: Bag | None) -> None:
+    """Begin runs in their folders, or go on with those there."""
+    trainer, records = population.trainer, [_record(options, each, bag, population) for each in members]
     if not options.resume:
-        directory.create(record)
-        print(_said(options))
-        if run.expert is not None:
-            directory.write_expert(trainer.evaluate_function(run.expert))
+        for each, record in zip(members, records, strict=True):
+            each.directory.create(record)
+        print(_said(options, members))
+        if population.expert is not None:
+            for each, result in zip(members, trainer.evaluate_function(population.expert), strict=True):
+                each.directory.write_expert(result)
         return
-    require_same_run(directory.config(), record, options.output)
-    repeats = trainer.restore(directory.load())
-    print(f"continuing at step {trainer.step:,}{'' if repeats else ', with a new episode'}")
+    for each, record in zip(members, records, strict=True):
+        require_same_run(each.directory.config(), record, each.directory.path)
+    repeats = trainer.restore([each.directory.load() for each in members])
+    runs = f"{len(members)} runs " if len(members) > 1 else ""
+    print(f"continuing {runs}at step {trainer.step:,}{'' if repeats else ', with a new episode'}")
 
 
-def _said(options: Options) -> str:
+def _said(options: Options, members: list[Member]) -> str:
     """What begins, in a line, and what is given in vain."""
     config, needs = options.config, options.config.method.needs
     vain = (
@@ -196,17 +245,19 @@ def _said(options: Options) -> str:
         else "; the expert does not act, it is evaluated for comparison"
     )
     task = f"{config.env}, reward {config.reward}"
-    return f"{config.method.name} on {task}, {config.schedule.steps:,} steps; the run is in {options.output}{vain}"
+    runs = "the run is" if len(members) == 1 else f"{len(members)} runs are"
+    return f"{config.method.name} on {task}, {config.schedule.steps:,} steps; {runs} in {options.output}{vain}"
 
 
-def _record(options: Options, bag: Bag | None, env: Environment) -> dict[str, Any]:
-    """What decides the run; of files, what they hold."""
-    simulated = task_of(env) if options.over == "graph" else None
+def _record(options: Options, member: Member, bag: Bag | None, population: Population) -> dict[str, Any]:
+    """What decides a run; of files, what they hold."""
+    simulated = population.trainer.env.task if options.over == "graph" else None
+    expert = member.path(options.expert) if options.expert is not None else None
     demonstrations = {
         "bag": str(options.bag),
         "bag_sha256": bag_digest(bag) if bag is not None else None,
-        "expert": str(options.expert),
-        "expert_sha256": file_digest(policy_file(options.expert)) if options.expert is not None else None,
+        "expert": str(expert),
+        "expert_sha256": file_digest(policy_file(expert)) if expert is not None else None,
         "source": options.source,
         "points": options.points,
         "min_quality": options.min_quality,
@@ -214,7 +265,7 @@ def _record(options: Options, bag: Bag | None, env: Environment) -> dict[str, An
         "over": options.over,
         "simulation": asdict(simulated) if simulated is not None else None,
     }
-    record = {"config": options.config.to_dict(), "demonstrations": demonstrations}
+    record = {"config": member.config.to_dict(), "demonstrations": demonstrations}
     plain: dict[str, Any] = json.loads(json.dumps(record))
     return plain
 

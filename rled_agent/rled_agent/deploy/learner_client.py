@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from rled_agent.deploy.shared_parameters import SharedParameters
-from rled_agent.deploy.step_pipe import Numbered, to_row
+from rled_agent.deploy.step_pipe import RobotStep, to_row
 from rled_agent.nn.perceptron import Perceptron
 
 PRIORITIES = ("idle", "low")
@@ -54,7 +54,7 @@ class LearnerClient:
         self.refresh()
         return self.handovers > 0
 
-    def offer(self, step: Numbered) -> None:
+    def offer(self, step: RobotStep) -> None:
         """Send one step; a full pipe drops it.
 
         One that is not finite is dropped too: a single one would spoil every weight.

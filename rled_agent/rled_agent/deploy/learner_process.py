@@ -25,6 +25,7 @@ from rled_agent.deploy.shared_parameters import SharedParameters
 from rled_agent.deploy.step_pipe import from_row, row_width
 from rled_agent.methods import Problem, all_methods
 from rled_agent.methods.td3 import TD3
+from rled_agent.nn.draws import Draws
 from rled_agent.nn.policy import load_policy, policy_file
 from rled_agent.replay.mixture import Mixture, Part
 from rled_agent.replay.transitions import Source
@@ -84,10 +85,8 @@ class LearnerProcess:
         settings = replace(method.learner, actor=policy.network.architecture)  # type: ignore[attr-defined]
         method = replace(method, learner=settings)  # type: ignore[type-var]
         self.options, self._batch_size = options, config.schedule.batch_size
-        generator = torch.Generator().manual_seed(options.seed)
-        draws = np.random.default_rng(options.seed)
         sizes = policy.network.sizes[0], policy.network.sizes[-1]
-        problem = Problem(*sizes, config.schedule.capacity, draws, generator)
+        problem = Problem(*sizes, config.schedule.capacity, Draws([options.seed]))
         learning, self.by_person = method.learning(problem), problem.replay()
         batches = Mixture(learning.batches, Part(self.by_person, options.person_share))
         self.learning = learning._replace(batches=batches)
@@ -119,7 +118,7 @@ class LearnerProcess:
                 self.learning.replay.cut()
             self._number = number
             self.learning.replay.add(step)
-            if step.source is Source.HUMAN:
+            if int(step.source) == Source.HUMAN:
                 self.by_person.add(step)
         self._received += len(rows)
 

@@ -11,9 +11,9 @@ from rled_msgs_py.outputs import require_output
 from rled_msgs_py.records import Actor, TaskStatus
 
 from rled_agent.deploy.learner_client import LearnerClient
-from rled_agent.deploy.step_pipe import Numbered
+from rled_agent.deploy.step_pipe import RobotStep
 from rled_agent.nn.policy import Policy
-from rled_agent.replay.transitions import Source, Step
+from rled_agent.replay.transitions import Source
 from rled_agent.training.checkpoint import read_state
 from rled_agent.training.learning_state import require_origin
 
@@ -96,8 +96,8 @@ class OnlineLearning:
             state, following = map(scaling.normalize_observation, (before.observation, observation))
             action, discount, source = scaling.normalize_action(before.delta), 1.0 - status.terminated, _source(before)
             is_last = status.terminated or status.truncated
-            step = Step(state, action, status.reward, discount, following, source, is_last)
-            self.client.offer(Numbered(step, status.step))
+            rest = status.reward, discount, following, source, is_last, status.step
+            self.client.offer(RobotStep(state, action, *rest))
         self.client.refresh()
 
     def save(self) -> Path:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.records import Actor, GateCode
@@ -17,6 +18,7 @@ from rled_agent.exploration.agent import Agent, Expert, Noise
 from rled_agent.exploration.policy_reuse import PolicyReuse
 from rled_agent.exploration.strategy import Choice, Strategy, network_function, policy_function
 from rled_agent.exploration.uncertainty_gate import UncertaintyGate
+from rled_agent.nn.draws import Draws
 from rled_agent.nn.policy import GateSettings, Policy, load_policy
 from rled_agent.uncertainty.uncertainty import make_uncertainty
 
@@ -90,7 +92,7 @@ class Policies(NamedTuple):
         agent = self.agent
         if self.expert is None or agent is None:
             return False
-        return bool(agent.network.architecture.dropout or agent.network.members > 1 or agent.critic is not None)
+        return bool(agent.network.architecture.dropout or agent.network.ensemble > 1 or agent.critic is not None)
 
 
 def load_policies(expert: str, agent: str) -> Policies:
@@ -126,7 +128,7 @@ class Pilot:
     def __init__(self, policies: Policies, settings: StrategySettings, seed: int) -> None:
         self.policies, self.policy = policies, policies.driving
         self._expert = policies.expert if policies.agent is not None else None
-        self._generators = np.random.default_rng(seed), np.random.default_rng([seed, 1])
+        self._draws, self._episodes = Draws([seed]), Draws([seed], stream=1)
         self._strategy = self._make(settings)
 
     def require(self, settings: StrategySettings) -> None:
@@ -148,37 +150,47 @@ class Pilot:
 
     def begin(self) -> None:
         """An episode begins."""
-        self._strategy.begin()
+        self._strategy.begin(torch.ones(1, dtype=torch.bool))
 
     def propose(self, observation: Vector) -> Proposal:
         """For an observation, shape (o,)."""
-        choice: Choice = self._strategy.act(self.policy.scaling.normalize_observation(observation))
-        delta = within(self.policy.scaling.denormalize_action(choice.action), self.policy.task)
+        normalised = torch.from_numpy(self.policy.scaling.normalize_observation(observation))
+        choice = self._strategy.act(normalised[None])
+        action = choice.action[0].numpy()
+        delta = within(self.policy.scaling.denormalize_action(action), self.policy.task)
         expert, stands_in = self._expert, None
         if expert is not None:
 
             def stands_in() -> Vector:
                 return within(expert.act(observation), self.policy.task)
 
-        compared = choice.compared, choice.measure, choice.threshold
-        return Proposal(choice.actor, delta, choice.code, *compared, choice.note, stands_in)
+        actor = Actor.EXPERT if choice.by_expert else Actor.AGENT
+        return Proposal(actor, delta, GateCode(int(choice.code)), *self._compared(choice), stands_in)
+
+    def _compared(self, choice: Choice) -> tuple[float, str, float, str]:
+        """Uncertainty, measure, threshold and note; an episode that was drawn for the expert compares nothing."""
+        if choice.measure == "none" or int(choice.code) == GateCode.DRAWN:
+            return math.nan, "none", math.nan, ""
+        held = int(choice.held)
+        note = f"for {held} of {self._dwell} steps" if held else ""
+        return float(choice.uncertainty[choice.measure]), choice.measure, float(choice.threshold), note
 
     def _make(self, settings: StrategySettings) -> Strategy:
-        draws, episodes = self._generators
-        network, noise = self.policy.network, Noise(settings.noise, draws)
+        network, noise = self.policy.network, Noise(settings.noise, self._draws)
+        self._dwell = settings.dwell
         if self.policies.agent is None:
             return Expert(network_function(network))
         if self._expert is None:
             if settings.phi:
                 raise RledError(f"phi is {settings.phi:g} without an expert", "0", "name one: --expert WEIGHTS")
             return Agent(network_function(network), noise)
-        expert, gate = policy_function(self._expert, self.policy.scaling), settings.gate
+        expert, gate = policy_function([self._expert], self.policy.scaling), settings.gate
         strategy: Strategy = Agent(network_function(network), noise)
         if self.policies.is_gated:
-            uncertainty = make_uncertainty(gate, network, self.policy.critic, draws)
+            uncertainty = make_uncertainty(gate, network, self.policy.critic, self._draws)
             compared = gate.measure, gate.threshold, settings.hysteresis, settings.dwell
             strategy = UncertaintyGate(uncertainty, expert, noise, *compared)
-        return PolicyReuse(strategy, expert, settings.phi, episodes)
+        return PolicyReuse(strategy, expert, settings.phi, self._episodes)
 
 
 def observe(task: TaskDescription, tick: Tick) -> Vector:

@@ -1,13 +1,15 @@
 """The policy alone, with exploration noise, and random first actions in front of it."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-from rled_msgs_py.records import Actor, GateCode
+import torch
+from rled_msgs_py.records import GateCode
+from torch import Tensor
 
-from rled_agent.exploration.strategy import Action, Choice, PolicyFunction, Strategy
+from rled_agent.exploration.strategy import Choice, PolicyFunction, Strategy, by_agent
+from rled_agent.nn.draws import Draws
+from rled_agent.per_seed import column
 from rled_agent.uncertainty.uncertainty import Uncertainty
 
 
@@ -17,18 +19,18 @@ class Noise:
 
     Attributes:
         std: δ, in halves of the action range.
-        generator: draws it.
+        draws: draws it.
     """
 
     std: float
-    generator: np.random.Generator
+    draws: Draws
 
-    def added_to(self, action: Action) -> Action:
-        """The action with noise."""
-        if not self.std:
+    def added_to(self, action: Tensor) -> Tensor:
+        """The actions, shape (P, n), with noise."""
+        if not isinstance(self.std, Tensor) and not self.std:
             return action
-        noise = self.generator.normal(0.0, self.std, action.shape)
-        return np.clip(action + noise, -1.0, 1.0).astype(np.float32)
+        noise = self.draws.normal(action.shape[1]) * column(self.std, 2)
+        return (action + noise).clamp_(-1.0, 1.0)
 
 
 @dataclass
@@ -45,10 +47,10 @@ class Agent(Strategy):
     noise: Noise
     uncertainty: Uncertainty | None = None
 
-    def act(self, observation: NDArray[np.float32]) -> Choice:
+    def act(self, observation: Tensor) -> Choice:
         """Its action with noise."""
         estimated = self.uncertainty(observation).uncertainty if self.uncertainty else {}
-        return Choice(self.noise.added_to(self.policy(observation)), Actor.AGENT, GateCode.UNGATED, estimated)
+        return by_agent(self.noise.added_to(self.policy(observation)), estimated)
 
 
 @dataclass
@@ -61,9 +63,11 @@ class Expert(Strategy):
 
     expert: PolicyFunction
 
-    def act(self, observation: NDArray[np.float32]) -> Choice:
+    def act(self, observation: Tensor) -> Choice:
         """Its action."""
-        return Choice(self.expert(observation), Actor.EXPERT, GateCode.UNGATED)
+        action = self.expert(observation)
+        code = torch.full((len(action),), GateCode.UNGATED, device=action.device)
+        return Choice(action, torch.ones_like(code, dtype=torch.bool), code)
 
 
 @dataclass
@@ -74,37 +78,41 @@ class RandomStart(Strategy):
         strategy: acts after them.
         steps: how many.
         size: n.
-        generator: draws them.
-        taken: how many were drawn.
+        draws: draws them.
+        taken: how many were drawn, of each seed, shape (P,).
     """
 
     strategy: Strategy
     steps: int
     size: int
-    generator: np.random.Generator
-    taken: int = 0
+    draws: Draws
 
-    def begin(self) -> None:
-        """An episode begins."""
-        self.strategy.begin()
+    def __post_init__(self) -> None:
+        self.taken = torch.zeros(self.draws.population, dtype=torch.int64)
+        self._count = 0
 
-    def act(self, observation: NDArray[np.float32]) -> Choice:
-        """A random action, or what the strategy behind chooses."""
-        if self.taken >= self.steps:
+    def begin(self, where: Tensor) -> None:
+        """Episodes begin."""
+        self.strategy.begin(where)
+
+    def act(self, observation: Tensor) -> Choice:
+        """Random actions, or what the strategy behind chooses."""
+        if self._count >= self.steps:
             return self.strategy.act(observation)
+        self._count += 1
         self.taken += 1
-        action = self.generator.uniform(-1.0, 1.0, self.size).astype(np.float32)
-        return Choice(action, Actor.AGENT, GateCode.UNGATED)
+        return by_agent(self.draws.uniform(self.size) * 2.0 - 1.0)
 
-    def end(self, episode_return: float) -> None:
-        """An episode has ended."""
-        self.strategy.end(episode_return)
+    def end(self, where: Tensor, episode_return: Tensor) -> None:
+        """Episodes have ended."""
+        self.strategy.end(where, episode_return)
 
-    def state_dict(self) -> dict[str, Any]:
+    def state_dict(self) -> dict[str, Tensor]:
         """How many actions were drawn, and the state of the strategy behind."""
-        return {"taken": self.taken, "strategy": self.strategy.state_dict()}
+        return {"taken": self.taken} | self.strategy.state_dict()
 
-    def load_state_dict(self, state: dict[str, Any]) -> None:
+    def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
         """Go on from ``state``."""
-        self.taken = state["taken"]
-        self.strategy.load_state_dict(state["strategy"])
+        self.taken.copy_(state["taken"])
+        self._count = int(self.taken[0])
+        self.strategy.load_state_dict(state)

@@ -1,15 +1,13 @@
 """Jump-start: the expert begins each episode, ever more briefly, and the actor goes on (JSRL, Uchendu et al., 2023)."""
 
 import math
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-from rled_msgs_py.records import Actor, GateCode
+import torch
+from torch import Tensor
 
 from rled_agent.exploration.agent import Noise
-from rled_agent.exploration.strategy import Choice, PolicyFunction, Strategy
+from rled_agent.exploration.strategy import Choice, PolicyFunction, Strategy, by_agent, is_anywhere
 
 JUDGED_EPISODES = 5
 """Episodes whose mean return decides about a stage."""
@@ -28,10 +26,10 @@ class JumpStart(Strategy):
         guide_steps: steps of an episode in which the guide acts, in the first stage.
         stages: after which it acts no more.
         tolerance: share of the best mean return that may lack for the next stage.
-        stage: under way, from 0.
-        step: of the episode.
-        best: mean return so far.
-        returns: of the episodes of this stage.
+        stage: under way, from 0, shape (P,).
+        step: of the episode, shape (P,).
+        best: mean return so far, −∞ before the first, shape (P,).
+        returns: of the last episodes of this stage, the latest first, NaN for those there were not, shape (P, 5).
     """
 
     policy: PolicyFunction
@@ -40,39 +38,37 @@ class JumpStart(Strategy):
     guide_steps: int
     stages: int
     tolerance: float
-    stage: int = 0
-    step: int = 0
-    best: float = -math.inf
-    returns: list[float] = field(default_factory=list)
 
-    def begin(self) -> None:
-        """An episode begins."""
-        self.step = 0
+    def __post_init__(self) -> None:
+        seeds, device = self.noise.draws.population, self.noise.draws.device
+        self.stage, self.step = (torch.zeros(seeds, dtype=torch.int64, device=device) for _ in range(2))
+        self.best = torch.full((seeds,), -math.inf, dtype=torch.float64, device=device)
+        self.returns = torch.full((seeds, JUDGED_EPISODES), math.nan, dtype=torch.float64, device=device)
 
-    def act(self, observation: NDArray[np.float32]) -> Choice:
+    def begin(self, where: Tensor) -> None:
+        """Episodes begin."""
+        self.step = torch.where(where, 0, self.step)
+
+    def act(self, observation: Tensor) -> Choice:
         """Guide or actor, by the step of the episode."""
         guided = self.step < self.guide_steps * (1.0 - self.stage / self.stages)
-        self.step += 1
-        if guided:
-            return Choice(self.expert(observation), Actor.EXPERT, GateCode.UNGATED)
-        return Choice(self.noise.added_to(self.policy(observation)), Actor.AGENT, GateCode.UNGATED)
+        self.step = self.step + 1
+        action = self.noise.added_to(self.policy(observation))
+        if is_anywhere(guided):
+            action = torch.where(guided[:, None], self.expert(observation), action)
+        return by_agent(action)._replace(by_expert=guided)
 
-    def end(self, episode_return: float) -> None:
+    def end(self, where: Tensor, episode_return: Tensor) -> None:
         """Judge the last few episodes of this stage."""
-        self.returns = [*self.returns[1 - JUDGED_EPISODES :], episode_return]
-        if len(self.returns) < JUDGED_EPISODES:
-            return
-        mean = float(np.mean(self.returns))
-        self.best = max(self.best, mean)
-        if self.stage < self.stages and mean >= self.best - self.tolerance * abs(self.best):
-            self.stage, self.returns = self.stage + 1, []
+        returns = torch.cat((episode_return.double()[:, None], self.returns[:, :-1]), dim=1)
+        mean = returns.mean(dim=1)  # NaN while there are too few
+        judged = where & ~mean.isnan()
+        best = torch.where(judged, torch.maximum(self.best, mean), self.best)
+        passed = judged & (self.stage < self.stages) & (mean >= best - self.tolerance * best.abs())
+        returns = torch.where(passed[:, None], math.nan, returns)
+        self.returns = torch.where(where[:, None], returns, self.returns)
+        self.best, self.stage = best, self.stage + passed.long()
 
-    def state_dict(self) -> dict[str, Any]:
+    def state_dict(self) -> dict[str, Tensor]:
         """What a checkpoint keeps."""
-        best = self.best if self.best > -math.inf else None
-        return {"stage": self.stage, "step": self.step, "best": best, "returns": self.returns}
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from ``state``."""
-        self.stage, self.step, self.returns = state["stage"], state["step"], state["returns"]
-        self.best = -math.inf if state["best"] is None else state["best"]
+        return {"stage": self.stage, "step": self.step, "best": self.best, "returns": self.returns}

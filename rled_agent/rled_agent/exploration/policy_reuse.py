@@ -1,14 +1,14 @@
 """Biased exploration: a draw an episode says whether the expert drives all of it (Algorithm 2)."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-from rled_msgs_py.records import Actor, GateCode
+import torch
+from rled_msgs_py.records import GateCode
+from torch import Tensor
 
-from rled_agent.exploration.strategy import Choice, PolicyFunction, Strategy
-from rled_agent.uncertainty.uncertainty import Uncertainty
+from rled_agent.exploration.strategy import Choice, PolicyFunction, Strategy, is_anywhere
+from rled_agent.nn.draws import Draws
 
 
 @dataclass
@@ -19,39 +19,42 @@ class PolicyReuse(Strategy):
         strategy: acts in the other episodes.
         expert: π̂ᵈ.
         phi: Φ, the probability of policy reuse.
-        generator: draws ξ once an episode.
-        uncertainty: estimates u_t for the record in the expert's episodes, None to leave it out.
-        expert_episode: whether the expert was drawn.
+        draws: draws ξ.
+        expert_episode: whether the expert was drawn, shape (P,).
     """
 
     strategy: Strategy
     expert: PolicyFunction
     phi: float
-    generator: np.random.Generator
-    uncertainty: Uncertainty | None = None
-    expert_episode: bool = False
+    draws: Draws
 
-    def begin(self) -> None:
+    def __post_init__(self) -> None:
+        self.expert_episode = torch.zeros(self.draws.population, dtype=torch.bool, device=self.draws.device)
+
+    def begin(self, where: Tensor) -> None:
         """Draw ξ (Eq. 4.11)."""
-        self.expert_episode = bool(self.generator.random() < self.phi)
-        self.strategy.begin()
+        drawn = self.draws.uniform() < self.phi
+        self.expert_episode = torch.where(where, drawn, self.expert_episode)
+        self.strategy.begin(where)
 
-    def act(self, observation: NDArray[np.float32]) -> Choice:
+    def act(self, observation: Tensor) -> Choice:
         """Act by Eq. 4.12."""
-        if not self.expert_episode:
-            return self.strategy.act(observation)
-        estimated = self.uncertainty(observation).uncertainty if self.uncertainty else {}
-        return Choice(self.expert(observation), Actor.EXPERT, GateCode.DRAWN, estimated)
+        choice, drawn = self.strategy.act(observation), self.expert_episode
+        if not is_anywhere(drawn):
+            return choice
+        action = torch.where(drawn[:, None], self.expert(observation), choice.action)
+        code = torch.where(drawn, int(GateCode.DRAWN), choice.code)
+        return choice._replace(action=action, by_expert=drawn | choice.by_expert, code=code)
 
-    def end(self, episode_return: float) -> None:
-        """An episode has ended."""
-        self.strategy.end(episode_return)
+    def end(self, where: Tensor, episode_return: Tensor) -> None:
+        """Episodes have ended."""
+        self.strategy.end(where, episode_return)
 
-    def state_dict(self) -> dict[str, Any]:
-        """Who drives this episode, and the state of the strategy behind."""
-        return {"expert_episode": self.expert_episode, "strategy": self.strategy.state_dict()}
+    def state_dict(self) -> dict[str, Tensor]:
+        """Who drives these episodes, and the state of the strategy behind."""
+        return {"expert_episode": self.expert_episode} | self.strategy.state_dict()
 
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on with the episode."""
-        self.expert_episode = state["expert_episode"]
-        self.strategy.load_state_dict(state["strategy"])
+    def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
+        """Go on with the episodes."""
+        self.expert_episode = state["expert_episode"].to(self.expert_episode)
+        self.strategy.load_state_dict(state)

@@ -3,15 +3,14 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-from rled_msgs_py.records import Actor, GateCode
+import torch
+from torch import Tensor
 
 from rled_agent.exploration.agent import Noise
-from rled_agent.exploration.strategy import Action, Choice, PolicyFunction, Strategy
+from rled_agent.exploration.strategy import Choice, PolicyFunction, Strategy, by_agent
 
-Value = Callable[[NDArray[np.float32], Action], float]
-"""Of a normalised observation and action."""
+Value = Callable[[Tensor, Tensor], Tensor]
+"""Of normalised observations, (P, b, o), and actions, (P, b, n): (P, b, 1)."""
 
 
 @dataclass
@@ -30,9 +29,11 @@ class Proposals(Strategy):
     noise: Noise
     value: Value
 
-    def act(self, observation: NDArray[np.float32]) -> Choice:
+    def act(self, observation: Tensor) -> Choice:
         """The proposal of greater value."""
         own, demonstrated = self.noise.added_to(self.policy(observation)), self.expert(observation)
-        if self.value(observation, demonstrated) > self.value(observation, own):
-            return Choice(demonstrated, Actor.EXPERT, GateCode.UNGATED)
-        return Choice(own, Actor.AGENT, GateCode.UNGATED)
+        both, rows = torch.stack((demonstrated, own), dim=1), observation[:, None].expand(-1, 2, -1)
+        values = self.value(rows, both)[..., 0]  # (P, 2)
+        by_expert = values[:, 0] > values[:, 1]
+        action = torch.where(by_expert[:, None], demonstrated, own)
+        return by_agent(action)._replace(by_expert=by_expert)

@@ -1,86 +1,103 @@
 """A strategy says who acts in a state; the same object serves training and the agent node."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
-from rled_msgs_py.records import Actor, GateCode
+from rled_msgs_py.records import GateCode
+from torch import Tensor
 
-from rled_agent.nn.perceptron import Perceptron
+from rled_agent.nn.perceptron import Perceptron, joined
 from rled_agent.nn.policy import Policy
-from rled_agent.nn.scaling import Scaling
+from rled_agent.nn.scaling import Affine, Scaling
 
-Action = NDArray[np.float32]
-PolicyFunction = Callable[[NDArray[np.float32]], Action]
-"""A deterministic map of normalised observation, shape (o,), to normalised action, shape (n,)."""
+PolicyFunction = Callable[[Tensor], Tensor]
+"""A deterministic map of normalised observations of each seed, (P, o) or (P, b, o), to normalised actions."""
 
 
 class Choice(NamedTuple):
-    """One action, whose it is, and why.
+    """One action of each of P seeds, whose it is, and why.
 
     Attributes:
-        action: normalised, shape (n,).
-        actor: AGENT or EXPERT.
-        code: why that one acts.
-        uncertainty: u_t by measure, empty where it is not estimated.
+        action: normalised, shape (P, n).
+        by_expert: whether it is the expert's, not the agent's, shape (P,).
+        code: a ``GateCode``, why that one acts, shape (P,).
+        uncertainty: u_t by measure, shape (P,); empty where it is not estimated.
         measure: the one that was compared with the threshold; ``none`` where nothing was.
-        threshold: ξ that it was compared with.
-        note: what the code does not say, for people.
+        threshold: ξ that it was compared with, shape (P,), or one for all.
+        held: steps that the expert has stood in for where he acts for no other reason than that, else 0, shape (P,).
     """
 
-    action: Action
-    actor: Actor
-    code: GateCode
-    uncertainty: Mapping[str, float] = {}
+    action: Tensor
+    by_expert: Tensor
+    code: Tensor
+    uncertainty: Mapping[str, Tensor] = {}
     measure: str = "none"
-    threshold: float = math.nan
-    note: str = ""
-
-    @property
-    def compared(self) -> float:
-        """u_t by the measure that was compared, NaN where none was."""
-        return self.uncertainty.get(self.measure, math.nan)
+    threshold: Tensor | float = math.nan
+    held: Tensor | int = 0
 
 
 class Strategy:
-    """What drives an episode."""
+    """What drives the episodes of P seeds.
 
-    def begin(self) -> None:
-        """An episode begins."""
+    It draws the same numbers in each step, whatever happens in an episode, so that no seed's draws depend on another.
+    """
 
-    def act(self, observation: NDArray[np.float32]) -> Choice:
-        """Choose an action for a normalised observation, shape (o,)."""
+    def begin(self, where: Tensor) -> None:
+        """Episodes begin where the mask, shape (P,), holds; called before each step."""
+
+    def act(self, observation: Tensor) -> Choice:
+        """Choose an action for a normalised observation of each seed, shape (P, o)."""
         raise NotImplementedError
 
-    def end(self, episode_return: float) -> None:
-        """An episode has ended, with that sum of rewards."""
+    def end(self, where: Tensor, episode_return: Tensor) -> None:
+        """Episodes have ended where the mask, shape (P,), holds, with those sums of rewards, shape (P,)."""
 
-    def state_dict(self) -> dict[str, Any]:
-        """What a checkpoint keeps of it, plain JSON values."""
+    def state_dict(self) -> dict[str, Tensor]:
+        """What a checkpoint keeps of it: attributes by name, the seeds first."""
         return {}
 
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from ``state``."""
+    def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
+        """Go on from ``state``; what is not in it stays."""
+        for name, tensor in self.state_dict().items():
+            if name in state:
+                setattr(self, name, state[name].to(tensor, copy=True))
+
+
+def is_anywhere(mask: Tensor) -> bool:
+    """Whether a mask holds for a seed; on a device that would have to be waited for, it is taken to."""
+    return mask.device.type != "cpu" or bool(mask.any())
+
+
+def by_agent(action: Tensor, estimated: Mapping[str, Tensor] | None = None) -> Choice:
+    """The choice of a policy that always acts."""
+    seeds = len(action)
+    nobody = torch.zeros(seeds, dtype=torch.bool, device=action.device)
+    return Choice(action, nobody, torch.full((seeds,), GateCode.UNGATED, device=action.device), estimated or {})
 
 
 def network_function(network: Perceptron) -> PolicyFunction:
-    """A network's action without dropout."""
+    """Actions without dropout, of an ensemble the mean."""
 
     @torch.inference_mode()
-    def act(observation: NDArray[np.float32]) -> Action:
-        action: Action = network(torch.from_numpy(observation)[None])[0, 0].cpu().numpy()
-        return action
+    def act(observation: Tensor) -> Tensor:
+        rows = observation if observation.ndim == 3 else observation[:, None]
+        action = network(rows)
+        if network.ensemble > 1:
+            action = action.view(network.population, network.ensemble, *action.shape[1:]).mean(dim=1)
+        return action if observation.ndim == 3 else action[:, 0]
 
     return act
 
 
-def policy_function(policy: Policy, scaling: Scaling) -> PolicyFunction:
-    """A policy's action, for observations and actions normalised by another scaling than its own."""
+def policy_function(policies: Sequence[Policy], scaling: Scaling, device: torch.device | str = "cpu") -> PolicyFunction:
+    """Actions of policies, one for each seed, for observations and actions normalised by another scaling than theirs.
 
-    def act(observation: NDArray[np.float32]) -> Action:
-        return scaling.normalize_action(policy.act(scaling.denormalize_observation(observation)))
-
-    return act
+    Raises:
+        RledError: their networks are of several shapes.
+    """
+    network = network_function(joined([each.network for each in policies]).to(device))
+    into = Affine([scaling.observation_into(each.scaling) for each in policies], device)
+    back = Affine([each.scaling.action_into(scaling) for each in policies], device)
+    return lambda observation: back(network(into(observation)))

@@ -1,14 +1,13 @@
 """The uncertainty gate: where the actor is unsure, the expert acts (Eq. 4.40)."""
 
 from dataclasses import dataclass
-from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-from rled_msgs_py.records import Actor, GateCode
+import torch
+from rled_msgs_py.records import GateCode
+from torch import Tensor
 
 from rled_agent.exploration.agent import Noise
-from rled_agent.exploration.strategy import Choice, PolicyFunction, Strategy
+from rled_agent.exploration.strategy import Choice, PolicyFunction, Strategy, is_anywhere
 from rled_agent.uncertainty.uncertainty import Uncertainty
 
 
@@ -24,8 +23,8 @@ class UncertaintyGate(Strategy):
         threshold: ξ; the expert acts where u_t ≥ ξ, and where u_t is NaN.
         hysteresis: the agent acts again where u_t < ξ (1 − hysteresis).
         dwell: steps that the expert acts for at least.
-        standing_in: whether the expert acts.
-        stood_in: steps that it has done so.
+        standing_in: whether the expert acts, shape (P,).
+        stood_in: steps that it has done so, shape (P,).
     """
 
     uncertainty: Uncertainty
@@ -35,27 +34,30 @@ class UncertaintyGate(Strategy):
     threshold: float
     hysteresis: float = 0.0
     dwell: int = 0
-    standing_in: bool = False
-    stood_in: int = 0
 
-    def act(self, observation: NDArray[np.float32]) -> Choice:
+    def __post_init__(self) -> None:
+        seeds, device = self.noise.draws.population, self.noise.draws.device
+        self.standing_in = torch.zeros(seeds, dtype=torch.bool, device=device)
+        self.stood_in = torch.zeros(seeds, dtype=torch.int64, device=device)
+
+    def act(self, observation: Tensor) -> Choice:
         """Act by Eq. 4.40."""
         mean, uncertainty = self.uncertainty(observation)
-        threshold = self.threshold * (1.0 - self.hysteresis) if self.standing_in else self.threshold
-        sure, note = uncertainty[self.measure] < threshold, ""  # false for NaN: what is not known to be sure is unsure
-        if sure and self.standing_in and self.stood_in < self.dwell:
-            sure, note = False, f"for {self.stood_in} of {self.dwell} steps"
-        self.standing_in, self.stood_in = not sure, 0 if sure else self.stood_in + 1
-        if sure:
-            action, actor, code = self.noise.added_to(mean), Actor.AGENT, GateCode.SURE
-        else:
-            action, actor, code = self.expert(observation), Actor.EXPERT, GateCode.UNSURE
-        return Choice(action, actor, code, uncertainty, self.measure, threshold, note)
+        threshold: Tensor | float = self.threshold
+        if self.hysteresis:
+            threshold = torch.where(self.standing_in, threshold * (1.0 - self.hysteresis), threshold)
+        sure = uncertainty[self.measure] < threshold  # false for NaN: what is not known to be sure is unsure
+        held: Tensor | int = 0
+        if self.dwell:
+            held = torch.where(sure & self.standing_in & (self.stood_in < self.dwell), self.stood_in, 0)
+            sure = sure & (held == 0)
+        self.standing_in, self.stood_in = ~sure, torch.where(sure, 0, self.stood_in + 1)
+        action = self.noise.added_to(mean)
+        if is_anywhere(~sure):
+            action = torch.where(sure[:, None], action, self.expert(observation))
+        code = torch.where(sure, int(GateCode.SURE), int(GateCode.UNSURE))
+        return Choice(action, ~sure, code, uncertainty, self.measure, threshold, held)
 
-    def state_dict(self) -> dict[str, Any]:
+    def state_dict(self) -> dict[str, Tensor]:
         """Whether the expert stands in, and for how long."""
         return {"standing_in": self.standing_in, "stood_in": self.stood_in}
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from ``state``."""
-        self.standing_in, self.stood_in = state["standing_in"], state["stood_in"]

@@ -8,6 +8,7 @@ from rled_msgs_py.validation import Range
 from torch import Tensor
 
 from rled_agent.nn.perceptron import Perceptron
+from rled_agent.per_seed import PER_SEED
 from rled_agent.replay.transitions import Transitions
 
 
@@ -15,11 +16,11 @@ class ActorLoss(Protocol):
     """A loss of an actor."""
 
     def __call__(self, action: Tensor, q: Tensor, transitions: Transitions, critic: Perceptron) -> Tensor:
-        """A scalar.
+        """Of each seed, shape (P,).
 
         Args:
-            action: of the actor, shape (b, n).
-            q: its value, shape (b, 1).
+            action: of the actor, shape (P, b, n).
+            q: its value, shape (P, b, 1).
             transitions: whose observations they are of.
             critic: that gave the values; no gradient reaches its weights.
         """
@@ -28,7 +29,7 @@ class ActorLoss(Protocol):
 
 def policy_gradient(action: Tensor, q: Tensor, transitions: Transitions, critic: Perceptron) -> Tensor:
     """−J_a, the deterministic policy gradient (Eq. 4.8)."""
-    return -q.mean()
+    return -q.mean(dim=(1, 2))
 
 
 @dataclass(frozen=True)
@@ -38,22 +39,23 @@ class Cloning:
     −J_a counts over the mean size of Q then, so that the weight means the same for any reward (Fujimoto and Gu, 2021).
     """
 
-    weight: Annotated[float, Range(0, 1e6)] = 1.0
+    weight: Annotated[float, Range(0, 1e6), PER_SEED] = 1.0
     """of the cloning error (Eq. 4.10); 0 leaves it out"""
     q_filter: bool = True
     """clone only where the critic holds the demonstrated action for the better one"""
 
     def loss(self) -> ActorLoss:
         """The loss of an actor with these settings."""
-        return self._loss if self.weight else policy_gradient
+        return self._loss if isinstance(self.weight, Tensor) or self.weight else policy_gradient
 
     def _loss(self, action: Tensor, q: Tensor, transitions: Transitions, critic: Perceptron) -> Tensor:
-        size = q.detach().abs().mean()
-        improvement = -q.mean() / torch.where(size > 0.0, size, 1.0)
+        size = q.detach().abs().mean(dim=(1, 2))  # (P,)
+        improvement = -q.mean(dim=(1, 2)) / torch.where(size > 0.0, size, 1.0)
         demonstrated = transitions.demonstrated
-        error = (action - transitions.action).square().sum(dim=1, keepdim=True)  # (b, 1)
+        error = (action - transitions.action).square().sum(dim=2, keepdim=True)  # (P, b, 1)
         cloned = demonstrated
         if self.q_filter:
-            shown = critic(torch.cat((transitions.observation, transitions.action), dim=1))[0]
+            shown = critic(torch.cat((transitions.observation, transitions.action), dim=2))
             cloned = demonstrated * (shown > q)
-        return improvement + self.weight * (error * cloned).sum() / demonstrated.sum().clamp(min=1.0)
+        mean_error = (error * cloned).sum(dim=(1, 2)) / demonstrated.sum(dim=(1, 2)).clamp(min=1.0)
+        return improvement + self.weight * mean_error

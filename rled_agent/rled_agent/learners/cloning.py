@@ -15,6 +15,7 @@ from rled_agent.bounds import Count, Share
 from rled_agent.data.demonstrations import Demonstrations, StateActions
 from rled_agent.nn.adam import Adam
 from rled_agent.nn.architecture import Architecture
+from rled_agent.nn.draws import Draws
 from rled_agent.nn.perceptron import Perceptron
 from rled_agent.nn.policy import Policy
 from rled_agent.nn.scaling import Scaling, scaling_of_samples
@@ -85,13 +86,13 @@ def clone_expert(
         raise RledError("too few demonstrated trajectories to set some aside", "at least 2", "record more")
     scaling = _scaling(rest, generator)
     network = _network(rest, config, generator)
-    optimizer = Adam(network)
+    optimizer = Adam(network, [1])
     validation = _tensors(aside.sample(8192, generator), scaling)
     curve: list[CurvePoint] = []
     losses: list[Tensor] = []
     for k, (observations, actions) in enumerate(_batches(rest, scaling, config, generator), start=1):
         loss = _cloning_loss(network(observations)[0] - actions)
-        optimizer.step(loss, config.learning_rate * 0.5 * (1.0 + math.cos(math.pi * (k - 1) / config.steps)))
+        optimizer.step(loss, [config.learning_rate * 0.5 * (1.0 + math.cos(math.pi * (k - 1) / config.steps))])
         losses.append(loss.detach())
         if k % config.validate_every == 0 or k == config.steps:
             curve.append(_validate(k, network, validation, losses))
@@ -112,7 +113,7 @@ def _scaling(demonstrations: Demonstrations, generator: np.random.Generator) -> 
 
 def _network(demonstrations: Demonstrations, config: CloningConfig, generator: np.random.Generator) -> Perceptron:
     task = demonstrations.task
-    weights = torch.Generator().manual_seed(int(generator.integers(2**63)))
+    weights = Draws([int(generator.integers(2**63))])
     observation_size = len(task.observation_bounds()[0])
     return Perceptron(observation_size, task.action_size, config.architecture, weights, squash=True)
 

@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from typing import Any, NamedTuple, Protocol
 
-import torch
 from torch import Tensor
 
+from rled_agent.nn.draws import Draws
 from rled_agent.nn.perceptron import Perceptron
 from rled_agent.replay.transitions import Transitions
 
@@ -14,8 +14,8 @@ class Update(NamedTuple):
     """What a gradient step reports; nothing of it is read back from the device before somebody asks.
 
     Attributes:
-        td_error: of each transition, shape (b,).
-        metrics: tensors of any shape, whose mean is the metric.
+        td_error: of each transition, shape (P, b).
+        metrics: tensors of any shape (P, ...), whose mean over all but the seeds is the metric.
     """
 
     td_error: Tensor
@@ -27,7 +27,7 @@ class Learner(Protocol):
 
     updates: int
     """Gradient steps taken."""
-    generator: torch.Generator
+    draws: Draws
     """Draws all that the update draws."""
 
     @property
@@ -37,7 +37,7 @@ class Learner(Protocol):
 
     @property
     def critic(self) -> Perceptron:
-        """Q of normalised observation and action, a member for each critic."""
+        """Q of normalised observation and action, an ensemble for each seed."""
         ...
 
     def start_from(self, actor: Perceptron) -> None:
@@ -49,7 +49,7 @@ class Learner(Protocol):
         ...
 
     def state_dict(self) -> dict[str, Any]:
-        """All state: tensors by dotted name, which share memory, and plain values."""
+        """All state: tensors by dotted name, which share memory and begin with the seeds; plain values are of all."""
         ...
 
     def load_state_dict(self, state: dict[str, Any]) -> None:

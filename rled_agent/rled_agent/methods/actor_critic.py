@@ -1,7 +1,5 @@
 """What the actor-critic methods share: their learner, and batches with demonstrations in them."""
 
-import torch
-
 from rled_agent.exploration.agent import Agent, Noise
 from rled_agent.exploration.strategy import network_function
 from rled_agent.learners.actor_losses import ActorLoss, policy_gradient
@@ -33,7 +31,7 @@ def actor_critic(
         proposal: another policy whose actions the targets may take.
     """
     sizes = problem.observation_size, problem.action_size
-    learner = TD3Learner(*sizes, config, problem.torch_generator, actor_loss, proposal)
+    learner = TD3Learner(*sizes, config, problem.draws, actor_loss, proposal)
     replay = problem.replay()
     batches: Sampler = replay
     if problem.demonstrations is not None:
@@ -49,23 +47,11 @@ def agent_strategy(
     problem: Problem, learner: TD3Learner, noise: float, uncertainty: Uncertainty | None = None
 ) -> Agent:
     """The learner's actor with exploration noise."""
-    return Agent(network_function(learner.actor), Noise(noise, problem.generator), uncertainty)
+    return Agent(network_function(learner.actor), Noise(noise, problem.draws), uncertainty)
 
 
 def recorded_uncertainty(problem: Problem, learner: TD3Learner, passes: int) -> Uncertainty | None:
     """What estimates u_t for the record, where the actor drops units."""
     if not learner.actor.architecture.dropout:
         return None
-    return make_uncertainty(GateSettings(passes=passes), learner.actor, None, problem.generator)
-
-
-def batch_policy(problem: Problem) -> BatchPolicy | None:
-    """The expert on batches of tensors, None without one."""
-    expert = problem.expert
-    if expert is None:
-        return None
-
-    def act(observation: torch.Tensor) -> torch.Tensor:
-        return torch.from_numpy(expert(observation.cpu().numpy())).to(observation)
-
-    return act
+    return make_uncertainty(GateSettings(passes=passes), learner.actor, None, problem.draws)

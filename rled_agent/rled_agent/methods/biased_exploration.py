@@ -13,6 +13,7 @@ from rled_agent.learners.td3 import TD3Config, TD3Learner
 from rled_agent.methods.actor_critic import actor_critic, agent_strategy, recorded_uncertainty
 from rled_agent.methods.method import Learning, Method, Problem
 from rled_agent.nn.policy import Passes
+from rled_agent.per_seed import PER_SEED
 
 
 @dataclass(frozen=True)
@@ -26,9 +27,9 @@ class BiasedExploration(Method):
     paper: ClassVar[str] = "thesis, section 4.1, Algorithm 2"
     needs: ClassVar[tuple[str, ...]] = ("expert",)
 
-    phi: Share = 0.1
+    phi: Annotated[Share, PER_SEED] = 0.1
     """probability of policy reuse Φ (Eq. 4.11); 0 leaves the expert out"""
-    noise: Annotated[float, Range(0, 10)] = 0.1
+    noise: Annotated[float, Range(0, 10), PER_SEED] = 0.1
     """δ, std of the exploration noise, in halves of the action range"""
     passes: Passes = 30
     """N, stochastic passes of an actor with dropout, whose uncertainty is recorded"""
@@ -48,4 +49,4 @@ class BiasedExploration(Method):
         expert = problem.require_expert(self.name)
         unsure = recorded_uncertainty(problem, learner, self.passes)
         acting = agent_strategy(problem, learner, self.noise, unsure)
-        return PolicyReuse(acting, expert, self.phi, problem.generator, unsure)
+        return PolicyReuse(acting, expert, self.phi, problem.draws)

@@ -12,6 +12,7 @@ from rled_agent.exploration.strategy import Strategy, network_function
 from rled_agent.learners.td3 import TD3Config, TD3Learner
 from rled_agent.methods.actor_critic import actor_critic
 from rled_agent.methods.method import Learning, Method, Problem
+from rled_agent.per_seed import PER_SEED
 
 
 @dataclass(frozen=True)
@@ -26,9 +27,9 @@ class JSRL(Method):
     """steps of an episode in which the expert acts, in the first stage"""
     guide_stages: Count = 10
     """stages after which it acts no more"""
-    guide_tolerance: Amount = 0.1
+    guide_tolerance: Annotated[Amount, PER_SEED] = 0.1
     """share of the best mean return that may lack for the next stage"""
-    noise: Annotated[float, Range(0, 10)] = 0.1
+    noise: Annotated[float, Range(0, 10), PER_SEED] = 0.1
     """δ, std of the exploration noise, in halves of the action range"""
     learner: TD3Config = field(default_factory=lambda: TD3Config(gamma=0.9, reward_scale=1e-3))
     """of the update"""
@@ -39,6 +40,6 @@ class JSRL(Method):
 
     def strategy(self, problem: Problem, learner: TD3Learner) -> Strategy:
         """Guide and actor."""
-        expert, noise = problem.require_expert(self.name), Noise(self.noise, problem.generator)
+        expert, noise = problem.require_expert(self.name), Noise(self.noise, problem.draws)
         policy = network_function(learner.actor)
         return JumpStart(policy, expert, noise, self.guide_steps, self.guide_stages, self.guide_tolerance)

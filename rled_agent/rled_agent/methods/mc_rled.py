@@ -15,6 +15,7 @@ from rled_agent.methods.actor_critic import actor_critic
 from rled_agent.methods.method import Learning, Method, Problem
 from rled_agent.nn.architecture import Architecture
 from rled_agent.nn.policy import GateSettings, Passes
+from rled_agent.per_seed import PER_SEED
 from rled_agent.uncertainty.uncertainty import make_uncertainty
 
 
@@ -33,13 +34,13 @@ class MCRLED(Method):
     paper: ClassVar[str] = "thesis, section 4.2, Eq. 4.38-4.40"
     needs: ClassVar[tuple[str, ...]] = ("expert",)
 
-    threshold: Amount = 1e-3
+    threshold: Annotated[Amount, PER_SEED] = 1e-3
     """ξ of Eq. 4.40: at this uncertainty or more the expert acts"""
     measure: Literal["qcd", "iqr"] = "qcd"
     """qcd: quartile coefficient of dispersion (Eq. 4.39); iqr: interquartile range over the action range"""
     passes: Passes = 30
     """N, stochastic passes of the actor"""
-    noise: Annotated[float, Range(0, 10)] = 0.1
+    noise: Annotated[float, Range(0, 10), PER_SEED] = 0.1
     """δ, std of the exploration noise, in halves of the action range"""
     demonstrated_share: Share = 0.0
     """share of each batch that is drawn from the demonstrations instead of the replay"""
@@ -59,6 +60,6 @@ class MCRLED(Method):
 
     def strategy(self, problem: Problem, learner: TD3Learner) -> Strategy:
         """The gate."""
-        expert, noise = problem.require_expert(self.name), Noise(self.noise, problem.generator)
-        uncertainty = make_uncertainty(self.gate, learner.actor, None, problem.generator)
+        expert, noise = problem.require_expert(self.name), Noise(self.noise, problem.draws)
+        uncertainty = make_uncertainty(GateSettings(self.measure, passes=self.passes), learner.actor, None, problem.draws)
         return UncertaintyGate(uncertainty, expert, noise, self.measure, self.threshold)

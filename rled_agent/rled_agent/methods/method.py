@@ -3,12 +3,11 @@
 from collections.abc import Callable
 from typing import Any, ClassVar, NamedTuple
 
-import numpy as np
-import torch
 from rled_msgs_py.errors import RledError
 
 from rled_agent.exploration.strategy import PolicyFunction, Strategy
 from rled_agent.learners.learner import Learner, Update
+from rled_agent.nn.draws import Draws
 from rled_agent.nn.policy import GateSettings
 from rled_agent.replay.replay import Replay, Sampler
 from rled_agent.replay.uniform import UniformReplay
@@ -21,23 +20,21 @@ class Problem(NamedTuple):
         observation_size: o.
         action_size: n.
         capacity: transitions that are kept for replay.
-        generator: of everything drawn for acting and of demonstrations.
-        torch_generator: of weights, batches and noise in updates; its device is that of all tensors.
-        expert: π̂ᵈ for normalised observations, of any shape (..., o); None without one.
+        draws: of everything that is drawn, for each seed its own; its device is that of all tensors.
+        expert: π̂ᵈ of each seed for normalised observations; None without one.
         demonstrations: makes the demonstrated transitions for a discount γ; None without demonstrations.
     """
 
     observation_size: int
     action_size: int
     capacity: int
-    generator: np.random.Generator
-    torch_generator: torch.Generator
+    draws: Draws
     expert: PolicyFunction | None = None
     demonstrations: Callable[[float], Sampler] | None = None
 
     def replay(self) -> UniformReplay:
         """An empty buffer of the problem's sizes."""
-        return UniformReplay(self.observation_size, self.action_size, self.capacity, self.torch_generator)
+        return UniformReplay(self.observation_size, self.action_size, self.capacity, self.draws)
 
     def require_expert(self, who: str) -> PolicyFunction:
         """The expert.
@@ -57,7 +54,7 @@ class Learning(NamedTuple):
         learner: networks and their update.
         replay: what experience is put into.
         batches: what the learner's batches are drawn from.
-        gamma: γ, of the transitions that are put in.
+        gamma: γ, of the transitions that are put in; one for each seed where they differ, shape (P,).
     """
 
     learner: Learner

@@ -11,6 +11,7 @@ from rled_agent.learners.actor_losses import Cloning
 from rled_agent.learners.td3 import TD3Config, TD3Learner
 from rled_agent.methods.actor_critic import actor_critic, agent_strategy
 from rled_agent.methods.method import Learning, Method, Problem
+from rled_agent.per_seed import PER_SEED
 
 
 @dataclass(frozen=True)
@@ -25,7 +26,7 @@ class QFilteredCloning(Method):
     """share of each batch that is drawn from the demonstrations instead of the replay"""
     cloning: Cloning = field(default_factory=Cloning)
     """beside the policy gradient"""
-    noise: Annotated[float, Range(0, 10)] = 0.1
+    noise: Annotated[float, Range(0, 10), PER_SEED] = 0.1
     """δ, std of the exploration noise, in halves of the action range"""
     learner: TD3Config = field(default_factory=lambda: TD3Config(gamma=0.9, reward_scale=1e-3))
     """of the update"""

@@ -11,6 +11,7 @@ from rled_agent.learners.td3 import TD3Config, TD3Learner
 from rled_agent.methods.actor_critic import actor_critic, agent_strategy
 from rled_agent.methods.method import Learning, Method, Problem
 from rled_agent.nn.architecture import Architecture
+from rled_agent.per_seed import PER_SEED
 
 
 def _normalised() -> TD3Config:
@@ -27,7 +28,7 @@ class RLPD(Method):
 
     demonstrated_share: Share = 0.5
     """share of each batch that is drawn from the demonstrations instead of the replay"""
-    noise: Annotated[float, Range(0, 10)] = 0.1
+    noise: Annotated[float, Range(0, 10), PER_SEED] = 0.1
     """δ, std of the exploration noise, in halves of the action range"""
     learner: TD3Config = field(default_factory=_normalised)
     """of the update"""

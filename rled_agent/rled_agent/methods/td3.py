@@ -11,6 +11,7 @@ from rled_agent.exploration.strategy import Strategy
 from rled_agent.learners.td3 import TD3Config, TD3Learner
 from rled_agent.methods.actor_critic import actor_critic, agent_strategy
 from rled_agent.methods.method import Learning, Method, Problem
+from rled_agent.per_seed import PER_SEED
 
 
 @dataclass(frozen=True)
@@ -20,7 +21,7 @@ class TD3(Method):
     title: ClassVar[str] = "actor-critic with two critics, without demonstrations"
     paper: ClassVar[str] = "Fujimoto et al., 2018; Eq. 4.1-4.9"
 
-    noise: Annotated[float, Range(0, 10)] = 0.1
+    noise: Annotated[float, Range(0, 10), PER_SEED] = 0.1
     """δ, std of the exploration noise, in halves of the action range"""
     random_steps: Annotated[int, Range(0, MANY)] = 0
     """steps before the first gradient step in which actions are drawn at random"""
@@ -35,5 +36,5 @@ class TD3(Method):
         """Random first actions, then the actor with noise."""
         strategy: Strategy = agent_strategy(problem, learner, self.noise)
         if self.random_steps:
-            strategy = RandomStart(strategy, self.random_steps, problem.action_size, problem.generator)
+            strategy = RandomStart(strategy, self.random_steps, problem.action_size, problem.draws)
         return strategy

@@ -1,8 +1,24 @@
 """Adam whose state has a name from the start, so that a checkpoint holds it like weights."""
 
+from collections.abc import Sequence
+from functools import partial
+from itertools import accumulate, pairwise
+from typing import NamedTuple
+
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 from torch.optim.adam import adam
+
+from rled_agent.nn.perceptron import Perceptron
+
+
+class _Group(NamedTuple):
+    """Seeds of one learning rate: views of the whole, and the steps of each parameter."""
+
+    parameters: list[Tensor]
+    exp_avg: list[Tensor]
+    exp_avg_sq: list[Tensor]
+    steps: list[Tensor]
 
 
 class Adam:
@@ -13,41 +29,68 @@ class Adam:
 
     Args:
         network: whose parameters are changed.
+        seeds: how many seeds of the network's population, one after the other, share each learning rate.
     """
 
-    def __init__(self, network: nn.Module) -> None:
+    def __init__(self, network: Perceptron, seeds: Sequence[int]) -> None:
         self._names = [name for name, _ in network.named_parameters()]
         self._parameters: list[Tensor] = [*network.parameters()]
         self._exp_avg = [torch.zeros_like(each) for each in self._parameters]
         self._exp_avg_sq = [torch.zeros_like(each) for each in self._parameters]
-        self._steps = [torch.zeros((), device=each.device) for each in self._parameters]
+        ends = [network.ensemble * end for end in accumulate(seeds, initial=0)]
+        rows = [slice(*each) for each in pairwise(ends)]
+        self._groups = [_Group(*map(partial(_rows, each), self._state()), _zeros(self._parameters)) for each in rows]
+        self._rows = rows
 
-    def step(self, loss: Tensor, rate: float) -> None:
-        """One step against the gradient of a loss, by a learning rate."""
-        gradients = torch.autograd.grad(loss, self._parameters)
+    def _state(self) -> tuple[list[Tensor], list[Tensor], list[Tensor]]:
+        return [each.detach() for each in self._parameters], self._exp_avg, self._exp_avg_sq
+
+    def step(self, loss: Tensor, rates: Sequence[float]) -> None:
+        """One step against the gradient of a loss, by a learning rate for each group of seeds."""
+        gradients = [*torch.autograd.grad(loss, self._parameters)]
         with torch.no_grad():
-            adam(
-                self._parameters,
-                [*gradients],
-                self._exp_avg,
-                self._exp_avg_sq,
-                [],
-                self._steps,
-                fused=True,
-                amsgrad=False,
-                beta1=0.9,
-                beta2=0.999,
-                lr=rate,
-                weight_decay=0.0,
-                eps=1e-8,
-                maximize=False,
-            )
+            for group, rows, rate in zip(self._groups, self._rows, rates, strict=True):
+                adam(
+                    group.parameters,
+                    _rows(rows, gradients),
+                    group.exp_avg,
+                    group.exp_avg_sq,
+                    [],
+                    group.steps,
+                    fused=True,
+                    amsgrad=False,
+                    beta1=0.9,
+                    beta2=0.999,
+                    lr=rate,
+                    weight_decay=0.0,
+                    eps=1e-8,
+                    maximize=False,
+                )
 
     def tensors(self) -> dict[str, Tensor]:
-        """Moments and steps by the names of the network's parameters; they share memory with the optimiser."""
-        parts = {"step": self._steps, "exp_avg": self._exp_avg, "exp_avg_sq": self._exp_avg_sq}
+        """Moments by the names of the network's parameters; they share memory with the optimiser."""
+        parts = {"exp_avg": self._exp_avg, "exp_avg_sq": self._exp_avg_sq}
         return {
             f"{name}.{part}": tensor
             for part, tensors in parts.items()
             for name, tensor in zip(self._names, tensors, strict=True)
         }
+
+    @property
+    def steps(self) -> int:
+        """Steps taken."""
+        return int(self._groups[0].steps[0])
+
+    @steps.setter
+    def steps(self, steps: int) -> None:
+        for each in self._groups:
+            for tensor in each.steps:
+                tensor.fill_(float(steps))
+
+
+def _rows(rows: slice, tensors: list[Tensor]) -> list[Tensor]:
+    return tensors if rows.start == 0 and rows.stop == len(tensors[0]) else [each[rows] for each in tensors]
+
+
+def _zeros(parameters: list[Tensor]) -> list[Tensor]:
+    return [torch.zeros((), device=each.device) for each in parameters]

@@ -1,8 +1,10 @@
-"""Multilayer perceptrons with a leading population dimension."""
+"""Multilayer perceptrons with a leading dimension of seeds and ensembles."""
 
 import copy
 import math
+from collections.abc import Callable, Sequence
 from itertools import pairwise
+from typing import cast
 
 import numpy as np
 import torch
@@ -12,29 +14,29 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from rled_agent.nn.architecture import MAX_WEIGHTS, SLOPE, Architecture, Weights
-from rled_agent.nn.dropout import Generator, dropout_masks
+from rled_agent.nn.draws import Draws
 
 
 class Perceptron(nn.Module):
-    """A population of e equal perceptrons, each with weights of its own: an ensemble of critics, or seeds side by side.
+    """An ensemble of e equal perceptrons for each of P seeds, each with weights of its own.
 
-    All members are one batched product a layer, so e small networks take little longer than one. Dropout has no mode
-    that could be forgotten: it is active exactly where a generator is passed.
+    All P e members are one batched product a layer, so that many small networks take little longer than one. Dropout
+    has no mode that could be forgotten: it is active exactly where draws are passed.
 
     Args:
         inputs: width of the input.
         outputs: width of the output.
         architecture: the hidden part.
-        generator: draws the weights.
-        members: e.
+        draws: draws the weights, of its population P.
+        ensemble: e.
         squash: end in a hyperbolic tangent.
 
     Raises:
-        RledError: more weights than ``MAX_WEIGHTS``, before any memory is taken.
+        RledError: more weights than ``MAX_WEIGHTS`` for a seed, before any memory is taken.
 
     Attributes:
-        weights: of each layer, (e, inputs, outputs).
-        biases: of each layer, (e, 1, outputs).
+        weights: of each layer, (P e, inputs, outputs); the ensemble of a seed lies together.
+        biases: of each layer, (P e, 1, outputs).
     """
 
     def __init__(
@@ -42,35 +44,45 @@ class Perceptron(nn.Module):
         inputs: int,
         outputs: int,
         architecture: Architecture,
-        generator: torch.Generator,
+        draws: Draws,
         *,
-        members: int = 1,
+        ensemble: int = 1,
         squash: bool = False,
     ) -> None:
         super().__init__()
-        self.architecture, self.members, self.squash = architecture, members, squash
+        self.architecture, self.ensemble, self.squash = architecture, ensemble, squash
         self.sizes = (inputs, *architecture.hidden, outputs)
         shapes = list(pairwise(self.sizes))
-        if members * sum((fan_in + 1) * fan_out for fan_in, fan_out in shapes) > MAX_WEIGHTS:
+        if ensemble * sum((fan_in + 1) * fan_out for fan_in, fan_out in shapes) > MAX_WEIGHTS:
             units = " x ".join(map(str, self.sizes))
             raise RledError(f"networks of {units} units", f"{MAX_WEIGHTS:,} weights at most", "choose fewer units")
-        drawn = [_drawn(members, *shape, architecture.weights, generator) for shape in shapes]
-        self.weights = nn.ParameterList(weight for weight, _ in drawn)
-        self.biases = nn.ParameterList(bias for _, bias in drawn)
-        self._layers = tuple(drawn)  # a ParameterList is looked through by name, slowly
+        self._hold([_drawn(ensemble, *shape, architecture.weights, draws) for shape in shapes])
+
+    def _hold(self, layers: Sequence[tuple[nn.Parameter, nn.Parameter]]) -> None:
+        self.weights = nn.ParameterList(weight for weight, _ in layers)
+        self.biases = nn.ParameterList(bias for _, bias in layers)
+        self._layers = tuple(layers)  # a ParameterList is looked through by name, slowly
+        self.members = len(layers[0][0])
+        self.population = self.members // self.ensemble
 
     def frozen(self) -> "Perceptron":
         """A copy of the same weights that no gradient reaches: a target network (Eq. 4.3)."""
         return copy.deepcopy(self).requires_grad_(False)
 
     def first(self) -> "Perceptron":
-        """The first member alone; it shares its weights, and a gradient passes through it without reaching them."""
-        view = copy.copy(self)
-        view.members, view._modules = 1, {}
-        for name, parameters in (("weights", self.weights), ("biases", self.biases)):
-            view.add_module(name, nn.ParameterList(nn.Parameter(each[:1].detach(), False) for each in parameters))
-        view._layers = tuple(zip(view.weights, view.biases, strict=True))
-        return view
+        """The first of each ensemble; it shares its weights, and a gradient passes through it without reaching them."""
+        return self._part(lambda each: each[:: self.ensemble], 1)
+
+    def member(self, seed: int) -> "Perceptron":
+        """The networks of one seed, 0 to P - 1; they share their weights, and no gradient reaches them."""
+        return self._part(lambda each: each[seed * self.ensemble : (seed + 1) * self.ensemble], self.ensemble)
+
+    def _part(self, chosen: Callable[[Tensor], Tensor], ensemble: int) -> "Perceptron":
+        part = copy.copy(self)
+        part.ensemble, part._modules = ensemble, {}
+        layers = [tuple(nn.Parameter(chosen(each.detach()), False) for each in layer) for layer in self._layers]
+        part._hold(cast(list[tuple[nn.Parameter, nn.Parameter]], layers))
+        return part
 
     @torch.no_grad()
     def vector(self) -> NDArray[np.float32]:
@@ -85,40 +97,44 @@ class Perceptron(nn.Module):
         for parameter, part in zip(parameters, parts, strict=True):
             parameter.copy_(part.view_as(parameter))
 
-    def forward(self, x: Tensor, generator: Generator | None = None) -> Tensor:
+    def forward(self, x: Tensor, draws: Draws | None = None) -> Tensor:
         """Output for a batch.
 
         Args:
-            x: the same rows for all members, (b, inputs), or rows for each, (e, b, inputs).
-            generator: drops hidden units independently in every row.
+            x: the same rows for all members, (b, inputs), or rows for each seed, (P, b, inputs).
+            draws: drops hidden units independently in every row.
 
         Returns:
-            Shape (e, b, outputs).
+            Shape (P e, b, outputs).
         """
-        masks = self._masks(x.shape[-2], generator)
+        masks = self._masks(x.shape[-2], draws)
         return self._rest(self._first_layer(x), masks)
 
-    def forward_once(self, x: Tensor, passes: int, generator: Generator) -> Tensor:
-        """Outputs of stochastic passes on one input, whose first layer is computed once.
+    def forward_once(self, x: Tensor, passes: int, draws: Draws) -> Tensor:
+        """Outputs of stochastic passes on one input of each seed, whose first layer is computed once.
 
         Args:
-            x: the input, (inputs,).
+            x: the inputs, (P, inputs).
             passes: number of them.
-            generator: drops hidden units independently in every pass.
+            draws: drops hidden units independently in every pass.
 
         Returns:
-            Shape (e, passes, outputs); as of ``forward`` with as many equal rows.
+            Shape (P e, passes, outputs); as of ``forward`` with as many equal rows.
         """
-        masks = self._masks(passes, generator)
-        output = self._rest(self._first_layer(x[None]), masks)
+        masks = self._masks(passes, draws)
+        output = self._rest(self._first_layer(x[:, None]), masks)
         return output if masks else output.expand(-1, passes, -1)
 
     def _first_layer(self, x: Tensor) -> Tensor:
         weight, bias = self._layers[0]
-        return torch.baddbmm(bias, x.expand(self.members, -1, -1), weight)
+        if x.ndim == 2:
+            x = x.expand(self.members, -1, -1)
+        elif self.ensemble > 1:
+            x = x[:, None].expand(-1, self.ensemble, -1, -1).flatten(0, 1)
+        return torch.baddbmm(bias, x, weight)
 
     def _rest(self, x: Tensor, masks: list[Tensor]) -> Tensor:
-        """From the linear output of the first layer, (e, b, outputs) or with one row for all of the masks, on."""
+        """From the linear output of the first layer, (P e, b, outputs) or with one row for all of the masks, on."""
         slope, normalised = SLOPE[self.architecture.activation], self.architecture.layer_norm
         for k, (weight, bias) in enumerate(self._layers[1:]):
             if normalised:
@@ -126,39 +142,70 @@ class Perceptron(nn.Module):
             x = functional.leaky_relu(x, slope, inplace=True) if slope else functional.relu(x, inplace=True)
             if masks:
                 x = x * masks[k]
-            x = torch.baddbmm(bias, x, weight)
+            x = self._product(x, weight, bias)
         return torch.tanh(x) if self.squash else x
 
-    def _masks(self, rows: int, generator: Generator | None) -> list[Tensor]:
-        """Dropout factors of each hidden layer, (e, rows, outputs); none where nothing is dropped."""
-        if generator is None or not self.architecture.dropout:
+    def _product(self, x: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
+        if self.ensemble == 1 and weight.shape[2] == 1:
+            # a single matrix by a vector is summed in another order than several: one would differ from one of many
+            return (x * weight.transpose(1, 2)).sum(dim=2, keepdim=True) + bias
+        return torch.baddbmm(bias, x, weight)
+
+    def _masks(self, rows: int, draws: Draws | None) -> list[Tensor]:
+        """Dropout factors of each hidden layer, (P e, rows, outputs); none where nothing is dropped."""
+        probability, hidden = self.architecture.dropout, self.architecture.hidden
+        if draws is None or not probability:
             return []
-        shapes = [(self.members, rows, width) for width in self.architecture.hidden]
-        return [mask.to(self._layers[0][0]) for mask in dropout_masks(shapes, self.architecture.dropout, generator)]
+        units = [self.ensemble * rows * width for width in hidden]
+        factors = draws.kept(probability, sum(units)).to(self._layers[0][0]).split(units, dim=1)
+        return [each.reshape(self.members, rows, width) for each, width in zip(factors, hidden, strict=True)]
+
+
+def joined(networks: Sequence[Perceptron]) -> Perceptron:
+    """Equal perceptrons of several seeds as one population; no gradient reaches them.
+
+    Raises:
+        RledError: they are of other shapes.
+    """
+    first, *others = networks
+    shape = first.architecture, first.sizes, first.ensemble, first.squash
+    for each in others:
+        if (each.architecture, each.sizes, each.ensemble, each.squash) != shape:
+            raise RledError("networks of several shapes", "one shape for all seeds", "clone the experts alike")
+    if not others:
+        return first
+    whole = copy.copy(first)
+    whole._modules = {}
+    pairs = (zip(*each, strict=True) for each in zip(*(network._layers for network in networks), strict=True))
+    whole._hold([tuple(nn.Parameter(torch.cat(part).detach(), False) for part in pair) for pair in pairs])  # type: ignore[misc]
+    return whole
 
 
 def parameter_shapes(
-    inputs: int, outputs: int, architecture: Architecture, members: int = 1
+    inputs: int, outputs: int, architecture: Architecture, ensemble: int = 1
 ) -> dict[str, tuple[int, ...]]:
-    """Shapes of the parameters, by name, of a perceptron, which is not made for it."""
+    """Shapes of the parameters, by name, of a perceptron of one seed, which is not made for it."""
     shapes: dict[str, tuple[int, ...]] = {}
     for k, (before, after) in enumerate(pairwise((inputs, *architecture.hidden, outputs))):
-        shapes |= {f"weights.{k}": (members, before, after), f"biases.{k}": (members, 1, after)}
+        shapes |= {f"weights.{k}": (ensemble, before, after), f"biases.{k}": (ensemble, 1, after)}
     return shapes
 
 
 def _drawn(
-    members: int, fan_in: int, fan_out: int, scheme: Weights, generator: torch.Generator
+    ensemble: int, fan_in: int, fan_out: int, scheme: Weights, draws: Draws
 ) -> tuple[nn.Parameter, nn.Parameter]:
     """Random weights and biases of one layer."""
-    weight, bias = (
-        torch.zeros(members, *shape, device=generator.device) for shape in ((fan_in, fan_out), (1, fan_out))
-    )
     if scheme == "glorot":
         bound = math.sqrt(6.0 / (fan_in + fan_out))
-        weight.uniform_(-bound, bound, generator=generator)
+        weight = _between(bound, draws, ensemble, fan_in, fan_out)
+        bias = weight.new_zeros(len(weight), 1, fan_out)
     else:
         bound = 1.0 / math.sqrt(fan_in)
-        weight.uniform_(-bound, bound, generator=generator)
-        bias.uniform_(-bound, bound, generator=generator)
+        weight = _between(bound, draws, ensemble, fan_in, fan_out)
+        bias = _between(bound, draws, ensemble, 1, fan_out)
     return nn.Parameter(weight), nn.Parameter(bias)
+
+
+def _between(bound: float, draws: Draws, *shape: int) -> Tensor:
+    """Uniform numbers of ±bound of each seed, shape (P e, ...), for ``shape`` (e, ...)."""
+    return (draws.uniform(*shape).to(torch.get_default_dtype()) * 2.0 - 1.0).mul_(bound).flatten(0, 1)

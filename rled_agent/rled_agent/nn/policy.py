@@ -15,6 +15,7 @@ from rled_msgs_py.validation import Range, check_fields, from_object
 
 from rled_agent.bounds import Amount
 from rled_agent.nn.architecture import Architecture
+from rled_agent.nn.draws import Draws
 from rled_agent.nn.perceptron import Perceptron, parameter_shapes
 from rled_agent.nn.scaling import Scaling
 from rled_agent.nn.tensor_file import Layout, TensorFile, TensorFileError, damaged, open_tensors, write_tensors
@@ -89,7 +90,7 @@ class Policy:
         rows = self.scaling.normalize_observation(observation).reshape(-1, observation.shape[-1])
         with torch.inference_mode():
             members = self.network(torch.from_numpy(rows))
-            action = (members[0] if self.network.members == 1 else members.mean(dim=0)).cpu().numpy()
+            action = (members[0] if self.network.ensemble == 1 else members.mean(dim=0)).cpu().numpy()
         return self.scaling.denormalize_action(action.reshape(*observation.shape[:-1], -1))
 
     def save(self, path: Path) -> None:
@@ -103,7 +104,7 @@ class Policy:
             f"{part}.{name}": tensor for part, each in networks.items() for name, tensor in each.state_dict().items()
         }
         tensors |= {name: torch.from_numpy(np.array(getattr(self.scaling, name))) for name in SCALING}
-        shapes = {part: asdict(Shape(each.architecture, each.members)) for part, each in networks.items()}
+        shapes = {part: asdict(Shape(each.architecture, each.ensemble)) for part, each in networks.items()}
         header = {
             "format": FORMAT,
             "version": str(VERSION),
@@ -164,7 +165,7 @@ def load_policy(path: str | Path) -> Policy:
     networks = {}
     for part, shape in described.shapes.items():
         squash = part == "network"
-        network = Perceptron(*sizes[part], shape.architecture, torch.Generator(), members=shape.members, squash=squash)
+        network = Perceptron(*sizes[part], shape.architecture, Draws([0]), ensemble=shape.members, squash=squash)
         for name, parameter in network.state_dict().items():
             parameter.copy_(tensors[f"{part}.{name}"])
         networks[part] = network

@@ -1,11 +1,14 @@
 """Observations and actions in the units that networks see (4.1.3: both are normalised)."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.task import TaskDescription
+from torch import Tensor
 
 Floats = NDArray[np.float64]
 
@@ -41,6 +44,41 @@ class Scaling:
     def denormalize_action(self, action: NDArray[np.floating]) -> Floats:
         """Physical action (rad) of one in [−1, 1], shape (..., n)."""
         return self.action_center + self.action_scale * action
+
+    def observation_into(self, other: "Scaling") -> tuple[Floats, Floats]:
+        """Factor and offset, shape (o,) each, that take an observation normalised by this to one normalised by another."""
+        return _into(
+            (self.observation_center, self.observation_scale), (other.observation_center, other.observation_scale)
+        )
+
+    def action_into(self, other: "Scaling") -> tuple[Floats, Floats]:
+        """Factor and offset, shape (n,) each, that take an action normalised by this to one normalised by another."""
+        return _into((self.action_center, self.action_scale), (other.action_center, other.action_scale))
+
+
+def _into(one: tuple[Floats, Floats], other: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
+    return one[1] / other[1], (one[0] - other[0]) / other[1]
+
+
+class Affine:
+    """Maps x to a x + b in float64, with factors and offsets of each of P seeds.
+
+    Args:
+        maps: a and b, shape (k,) each, of each seed.
+        device: of the tensors mapped.
+    """
+
+    def __init__(self, maps: Sequence[tuple[Floats, Floats]], device: torch.device | str = "cpu") -> None:
+        factor, offset = (np.stack(each)[:, None] for each in zip(*maps, strict=True))  # (P, 1, k)
+        self._is_identity = bool((factor == 1.0).all() and (offset == 0.0).all())
+        self._factor, self._offset = (torch.from_numpy(each).to(device) for each in (factor, offset))
+
+    def __call__(self, x: Tensor) -> Tensor:
+        """Of (P, k) or (P, b, k), as float32."""
+        if self._is_identity:
+            return x
+        factor, offset = (each if x.ndim == 3 else each[:, 0] for each in (self._factor, self._offset))
+        return torch.addcmul(offset, x.double(), factor).float()
 
 
 def scaling_of_bounds(observation: tuple[Floats, Floats], action: tuple[Floats, Floats]) -> Scaling:

@@ -1,6 +1,6 @@
 """Batches mixed of several buffers by share."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from torch import Tensor
 
@@ -48,5 +48,21 @@ class Mixture(Sampler):
         """Give each buffer the errors of what was drawn from it."""
         begin = 0
         for sampler, count in self._drawn:
-            sampler.update_priorities(indices[begin : begin + count], td_error[begin : begin + count])
+            part = slice(begin, begin + count)
+            sampler.update_priorities(indices[:, part], td_error[:, part])
             begin += count
+
+    def state_dict(self) -> dict[str, Any]:
+        """Of the further buffers; that of the first is kept as the replay's."""
+        states = ((k, each.sampler.state_dict()) for k, each in enumerate(self._others))
+        return {f"{k}.{name}": value for k, state in states for name, value in state.items()}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from ``state``.
+
+        Raises:
+            RledError: it is of other buffers.
+        """
+        for k, each in enumerate(self._others):
+            own = {name.removeprefix(f"{k}."): value for name, value in state.items() if name.startswith(f"{k}.")}
+            each.sampler.load_state_dict(own)

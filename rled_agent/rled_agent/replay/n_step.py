@@ -1,25 +1,20 @@
 """Transitions over n steps (Sutton, 1988), as one buffer in front of another."""
 
-from collections import deque
 from typing import Any
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from rled_msgs_py.errors import RledError
 from torch import Tensor
 
 from rled_agent.replay.replay import Replay
-from rled_agent.replay.transitions import Source, Step, Transitions
-
-KEPT = Step._fields[:-1]
-"""Of a waiting step: the window of an episode that has ended is empty."""
+from rled_agent.replay.transitions import Step, Transitions
 
 
 class NStepReplay(Replay):
     """Joins each step with the n − 1 after it: r = Σₖ γᵏ rₖ, and s' is counted with the product of their discounts.
 
-    A window ends early where the episode does; nothing is summed across episodes.
+    What is joined ends where the episode does; nothing is summed across episodes. A step is stored n − 1 steps after it
+    was taken, whether its episode has ended or not, so that all seeds store as many.
 
     Args:
         steps: n.
@@ -28,32 +23,35 @@ class NStepReplay(Replay):
 
     def __init__(self, steps: int, replay: Replay) -> None:
         self._steps, self._replay = steps, replay
-        self._window: deque[Step] = deque()
+        self._window: list[Step] = []
 
     def __len__(self) -> int:
-        """Transitions held."""
+        """Transitions held of each seed."""
         return len(self._replay)
 
     def add(self, step: Step) -> None:
-        """Store one step of an episode, once those that follow it are known."""
+        """Store the step n − 1 before this one, with those that followed it."""
         self._window.append(step)
         if len(self._window) == self._steps:
             self._store()
-        if step.is_last:
-            self.cut()
 
     def cut(self) -> None:
-        """Store what waits over the steps that there are."""
-        while self._window:
-            self._store()
+        """The last step ends its episode."""
+        if self._window:
+            last = self._window[-1]
+            self._window[-1] = last._replace(is_last=torch.ones_like(last.is_last))
 
     def _store(self) -> None:
-        reward, discount = 0.0, 1.0
-        for step in self._window:
-            reward += discount * step.reward
-            discount *= step.discount
-        first, last = self._window.popleft(), step
-        self._replay.add(first._replace(reward=reward, discount=discount, next_observation=last.next_observation))
+        first = self._window[0]
+        reward, discount, following = first.reward, first.discount, first.next_observation
+        goes_on = ~first.is_last  # (P,)
+        for step in self._window[1:]:
+            reward = torch.where(goes_on, reward + discount * step.reward, reward)
+            discount = torch.where(goes_on, discount * step.discount, discount)
+            following = torch.where(goes_on[:, None], step.next_observation, following)
+            goes_on = goes_on & ~step.is_last
+        del self._window[0]
+        self._replay.add(first._replace(reward=reward, discount=discount, next_observation=following))
 
     def extend(self, transitions: Transitions) -> None:
         """Store transitions as they are."""
@@ -68,9 +66,14 @@ class NStepReplay(Replay):
         self._replay.update_priorities(indices, td_error)
 
     def state_dict(self) -> dict[str, Any]:
-        """Of the buffer behind, and the steps that wait for those after them."""
-        waiting = {f"waiting.{name}": _column([getattr(step, name) for step in self._window]) for name in KEPT}
-        return self._replay.state_dict() | waiting
+        """Of the buffer behind, and the steps that wait for those after them, shape (P, k, ...)."""
+        if not self._window:
+            return self._replay.state_dict()
+        waiting = {name: torch.stack(columns, dim=1) for name, columns in zip(
+            Step._fields, zip(*self._window, strict=True), strict=True
+        )}  # fmt: skip
+        waiting["is_last"] = waiting["is_last"].to(torch.uint8)
+        return self._replay.state_dict() | {f"waiting.{name}": each for name, each in waiting.items()}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on from ``state``.
@@ -78,30 +81,20 @@ class NStepReplay(Replay):
         Raises:
             RledError: it is of another buffer, or steps wait that cannot be.
         """
-        columns = {name: state[f"waiting.{name}"].numpy() for name in KEPT}
-        _require_steps(columns, state["rows"].shape[-1], self._steps)
         self._replay.load_state_dict(state)
-        self._window = deque(
-            Step(s, a, float(r), float(d), following, Source(int(source)))
-            for s, a, r, d, following, source in zip(*columns.values(), strict=True)
-        )
+        self._window = []
+        if "waiting.reward" not in state:
+            return
+        columns = [state[f"waiting.{name}"] for name in Step._fields]
+        _require_steps(columns, state["rows"], self._steps)
+        steps = zip(*(column.unbind(dim=1) for column in columns), strict=True)
+        self._window = [Step(*each)._replace(is_last=each[-1].bool()) for each in steps]
 
 
-def _require_steps(columns: dict[str, NDArray[np.floating]], width: int, steps: int) -> None:
-    """Refuse what are no steps of rows of such a width."""
-    count = len(columns["reward"])
-    state, action = columns["observation"], columns["action"]
-    are_flat = all(columns[name].shape == (count,) for name in ("reward", "discount", "source"))
-    are_rows = (
-        state.shape == columns["next_observation"].shape and (2 * state.shape[-1] + action.shape[-1] + 3) == width
-    )
-    are_sources = set(columns["source"].ravel().tolist()) <= set(Source)
-    if count >= steps or not are_flat or not are_sources or (count and not are_rows):
-        raise RledError(
-            f"{count} steps that wait, of shape {state.shape}", f"{steps - 1} at most, of the replay's sizes"
-        )
-
-
-def _column(values: list[Any]) -> Tensor:
-    """Of arrays, which are of float32, or of numbers, whose sum is rounded once: they keep all their bits."""
-    return torch.from_numpy(np.array(values, dtype=np.float32 if values and np.ndim(values[0]) else np.float64))
+def _require_steps(columns: list[Tensor], rows: Tensor, steps: int) -> None:
+    """Refuse what are no steps of such rows."""
+    seeds, count = columns[2].shape
+    width = sum(column.shape[2] if column.ndim == 3 else 1 for column in columns) - 1
+    shapes_fit = all(column.shape[:2] == (seeds, count) for column in columns)
+    if count >= steps or not shapes_fit or (seeds, width) != (len(rows), rows.shape[2]):
+        raise RledError(f"{count} steps that wait, {width} numbers each", f"{steps - 1} at most, of the replay's sizes")

@@ -1,19 +1,14 @@
 """Prioritised replay (Schaul et al., 2016): transitions of greater error are drawn more often, and weigh less."""
 
-import math
 from typing import Any
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from rled_msgs_py.errors import RledError
 from torch import Tensor
 
 from rled_agent.replay.replay import Replay
 from rled_agent.replay.transitions import Step, Transitions
 from rled_agent.replay.uniform import UniformReplay
-
-Array = NDArray[Any]
 
 
 class PrioritisedReplay(Replay):
@@ -30,44 +25,49 @@ class PrioritisedReplay(Replay):
 
     def __init__(self, replay: UniformReplay, alpha: float = 0.6, beta: float = 0.4, epsilon: float = 1e-3) -> None:
         self._replay, self._alpha, self._beta, self._epsilon = replay, alpha, beta, epsilon
-        self._leaves = 1 << max(replay.capacity - 1, 1).bit_length()
-        self._sums = np.zeros(2 * self._leaves)  # a tree: node k is the sum of 2k and 2k + 1, the leaves are last
-        self._greatest = 1.0
+        self._levels = max(replay.capacity - 1, 1).bit_length()
+        self._leaves = 1 << self._levels
+        seeds, device = replay.draws.population, replay.draws.device
+        # a tree for each seed: node k is the sum of 2k and 2k + 1, the leaves are last
+        self._sums = torch.zeros(seeds, 2 * self._leaves, dtype=torch.float64, device=device)
+        self._greatest = torch.ones(seeds, dtype=torch.float64, device=device)
 
     def __len__(self) -> int:
-        """Transitions held."""
+        """Transitions held of each seed."""
         return len(self._replay)
 
     def add(self, step: Step) -> None:
         """Store one step of an episode, of the greatest priority."""
-        self._set(np.array([self._replay.added % self._replay.capacity]), np.array([self._greatest]))
+        place = torch.full((len(self._sums), 1), self._replay.added % self._replay.capacity, device=self._sums.device)
+        self._set(place, self._greatest[:, None])
         self._replay.add(step)
 
     def extend(self, transitions: Transitions) -> None:
         """Store transitions, in order, of the greatest priority."""
-        first, count = self._replay.added, min(len(transitions.reward), self._replay.capacity)
-        self._set((first + np.arange(count)) % self._replay.capacity, np.full(count, self._greatest))
+        count = min(transitions.reward.shape[1], self._replay.capacity)
+        places = (self._replay.added + torch.arange(count, device=self._sums.device)) % self._replay.capacity
+        self._set(places.expand(len(self._sums), -1), self._greatest[:, None].expand(-1, count))
         self._replay.extend(transitions)
 
     def sample(self, size: int) -> Transitions:
         """Draw transitions by their priorities, one from each of ``size`` equal parts of their sum."""
-        generator = self._replay.generator
-        parts = np.arange(size) + torch.rand(size, generator=generator, device=generator.device).cpu().numpy()
-        chosen = self._find(parts / size * self._sums[1])
-        chance = self._sums[self._leaves + chosen] / self._sums[1]
+        total = self._sums[:, 1:2]
+        parts = torch.arange(size, device=total.device) + self._replay.draws.uniform(size).double()
+        chosen = self._find(parts / size * total)
+        chance = self._sums.gather(1, self._leaves + chosen) / total
         weight = (len(self) * chance) ** -self._beta
-        drawn = self._replay.at(torch.from_numpy(chosen).to(generator.device))
-        return drawn._replace(weight=torch.from_numpy(weight / weight.max()).to(drawn.reward)[:, None])
+        drawn = self._replay.at(chosen)
+        return drawn._replace(weight=(weight / weight.amax(dim=1, keepdim=True)).to(drawn.reward)[..., None])
 
     def update_priorities(self, indices: Tensor, td_error: Tensor) -> None:
-        """Take the errors of the last batch as its priorities."""
-        priority = (td_error.abs() + self._epsilon).cpu().numpy().astype(np.float64)
-        self._greatest = max(self._greatest, float(priority.max()))
-        self._set(indices.cpu().numpy(), priority)
+        """Take the errors of the last batch as its priorities; one that is drawn twice has its greater error."""
+        priority = td_error.abs().double() + self._epsilon
+        self._greatest = torch.maximum(self._greatest, priority.amax(dim=1))
+        self._set(indices, priority)
 
     def state_dict(self) -> dict[str, Any]:
         """Of the transitions, and their priorities."""
-        leaves = torch.from_numpy(self._sums[self._leaves : self._leaves + len(self)])
+        leaves = self._sums[:, self._leaves : self._leaves + len(self)]
         return self._replay.state_dict() | {"priorities": leaves, "greatest": self._greatest}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
@@ -76,34 +76,35 @@ class PrioritisedReplay(Replay):
         Raises:
             RledError: it is of another buffer, or priorities are missing or negative.
         """
-        leaves, greatest = state["priorities"].numpy(), state["greatest"]
-        if leaves.shape != state["rows"].shape[:1] or not (leaves >= 0.0).all() or (len(leaves) and not leaves.any()):
-            raise RledError(
-                f"priorities of shape {leaves.shape}", "one for each transition, 0 or more, not all of them 0"
-            )
-        if not isinstance(greatest, float) or not 0.0 < greatest < math.inf:
-            raise RledError(f"{str(greatest)[:40]} as the greatest priority", "a number above 0")
+        leaves, greatest = state["priorities"], state["greatest"]
+        if leaves.shape != state["rows"].shape[:2] or not (leaves >= 0.0).all() or (leaves.sum(dim=1) == 0.0).any():
+            accepted = "one for each transition, 0 or more, not all of them 0"
+            raise RledError(f"priorities of shape {tuple(leaves.shape)}", accepted)
+        if greatest.shape != self._greatest.shape or not (greatest > 0.0).all():
+            raise RledError(f"{str(greatest.tolist())[:40]} as the greatest priority", "a number above 0 for each seed")
         self._replay.load_state_dict(state)
-        self._greatest = greatest
-        self._sums[:] = 0.0
-        self._set_raised(np.arange(len(self)), leaves)
+        self._greatest = greatest.to(self._greatest)
+        self._sums.zero_()
+        self._set_raised(torch.arange(len(self)).expand(len(self._sums), -1).to(self._sums.device), leaves)
 
-    def _set(self, index: Array, priority: Array) -> None:
+    def _set(self, index: Tensor, priority: Tensor) -> None:
         self._set_raised(index, priority**self._alpha)
 
-    def _set_raised(self, index: Array, raised: Array) -> None:
-        node = self._leaves + index
-        self._sums[node] = raised
-        while node.size and node[0] > 1:  # all of them are equally deep
-            node = np.unique(node // 2)
-            self._sums[node] = self._sums[2 * node] + self._sums[2 * node + 1]
+    def _set_raised(self, index: Tensor, raised: Tensor) -> None:
+        node = self._leaves + index  # (P, k)
+        self._sums.scatter_(1, node, 0.0)
+        self._sums.scatter_reduce_(1, node, raised, "amax")  # the same on every device, whichever of two comes last
+        for _ in range(self._levels):
+            node = node // 2
+            self._sums.scatter_(1, node, self._sums.gather(1, 2 * node) + self._sums.gather(1, 2 * node + 1))
 
-    def _find(self, sums: Array) -> Array:
-        """The transitions that running sums of priorities lie in, shape (b,)."""
-        node = np.ones(len(sums), dtype=np.int64)
-        while node[0] < self._leaves:
-            node *= 2
-            right = (sums >= self._sums[node]) & (self._sums[node + 1] > 0.0)
-            sums = np.where(right, sums - self._sums[node], sums)
-            node += right
-        return np.minimum(node - self._leaves, len(self) - 1)
+    def _find(self, sums: Tensor) -> Tensor:
+        """The transitions that running sums of priorities lie in, shape (P, b)."""
+        node = torch.ones_like(sums, dtype=torch.int64)
+        for _ in range(self._levels):
+            node = 2 * node
+            left = self._sums.gather(1, node)
+            right = (sums >= left) & (self._sums.gather(1, node + 1) > 0.0)
+            sums = torch.where(right, sums - left, sums)
+            node = node + right
+        return (node - self._leaves).clamp(max=len(self) - 1)

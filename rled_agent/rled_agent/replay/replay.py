@@ -8,10 +8,10 @@ from rled_agent.replay.transitions import Step, Transitions
 
 
 class Sampler:
-    """Gives batches of transitions."""
+    """Gives batches of transitions, for each seed its own."""
 
     def __len__(self) -> int:
-        """Transitions held."""
+        """Transitions held of each seed."""
         raise NotImplementedError
 
     def sample(self, size: int) -> Transitions:
@@ -19,26 +19,11 @@ class Sampler:
         raise NotImplementedError
 
     def update_priorities(self, indices: Tensor, td_error: Tensor) -> None:
-        """Take the errors, shape (b,), that a learner found for the transitions of the last batch, shape (b,)."""
-
-
-class Replay(Sampler):
-    """A sampler that experience is put into."""
-
-    def add(self, step: Step) -> None:
-        """Store one step of an episode."""
-        raise NotImplementedError
-
-    def extend(self, transitions: Transitions) -> None:
-        """Store transitions, in order."""
-        raise NotImplementedError
-
-    def cut(self) -> None:
-        """The episode that was under way goes on no further."""
+        """Take the errors, shape (P, b), that a learner found for the transitions of the last batch."""
 
     def state_dict(self) -> dict[str, Any]:
-        """All state but the generator: tensors, which share memory, and plain values."""
-        raise NotImplementedError
+        """All state but the draws: tensors, which share memory and begin with the seeds, and values of all seeds."""
+        return {}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on from ``state``.
@@ -46,4 +31,18 @@ class Replay(Sampler):
         Raises:
             RledError: it is of another buffer.
         """
+
+
+class Replay(Sampler):
+    """A sampler that experience is put into."""
+
+    def add(self, step: Step) -> None:
+        """Store one step of an episode of each seed."""
         raise NotImplementedError
+
+    def extend(self, transitions: Transitions) -> None:
+        """Store transitions, in order."""
+        raise NotImplementedError
+
+    def cut(self) -> None:
+        """The episodes that were under way go on no further."""

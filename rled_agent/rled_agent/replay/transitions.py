@@ -3,9 +3,7 @@
 from enum import IntEnum
 from typing import NamedTuple
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 
@@ -23,41 +21,48 @@ class Source(IntEnum):
 
 
 class Step(NamedTuple):
-    """One transition as it happens, normalised.
+    """One transition of each of P seeds as it happens, normalised.
 
     Attributes:
-        observation: s, shape (o,).
-        action: a, shape (n,).
-        reward: r.
-        discount: γ, or 0 where the task ended, so that no value follows; γ where the episode was only cut.
-        next_observation: s', shape (o,).
-        source: who acted.
-        is_last: whether the episode ends with it, for whichever reason.
+        observation: s, shape (P, o).
+        action: a, shape (P, n).
+        reward: r, shape (P,).
+        discount: γ, or 0 where the task ended, so that no value follows; γ where the episode was only cut, shape (P,).
+        next_observation: s', shape (P, o).
+        source: who acted, a ``Source``, shape (P,).
+        is_last: whether the episode ends with it, for whichever reason, shape (P,).
     """
 
-    observation: NDArray[np.float32]
-    action: NDArray[np.float32]
-    reward: float
-    discount: float
-    next_observation: NDArray[np.float32]
-    source: Source = Source.AGENT
-    is_last: bool = False
+    observation: Tensor
+    action: Tensor
+    reward: Tensor
+    discount: Tensor
+    next_observation: Tensor
+    source: Tensor
+    is_last: Tensor
+
+    def rows(self) -> Tensor:
+        """All but the last as one row a seed, shape (P, 2 o + n + 3), as replays keep them."""
+        columns = (each[:, None] for each in (self.reward, self.discount))
+        return torch.cat(
+            (self.observation, self.action, *columns, self.next_observation, self.source[:, None]), dim=1
+        )  # fmt: skip
 
 
 class Transitions(NamedTuple):
-    """A batch of b transitions in normalised units, on any device.
+    """A batch of b transitions for each of P seeds, in normalised units, on any device.
 
     A transition over n steps, and one that was drawn with a priority, are of the same kind.
 
     Attributes:
-        observation: s, shape (b, o).
-        action: a, shape (b, n).
-        reward: the discounted sum of the rewards of its steps, shape (b, 1).
-        discount: what the value of s' counts: γⁿ (1 − terminated), shape (b, 1).
-        next_observation: s', shape (b, o).
-        source: a ``Source``, shape (b, 1).
-        weight: of its error in a loss, 1 where all count the same, shape (b, 1).
-        indices: its place in the buffer that it was drawn from, shape (b,).
+        observation: s, shape (P, b, o).
+        action: a, shape (P, b, n).
+        reward: the discounted sum of the rewards of its steps, shape (P, b, 1).
+        discount: what the value of s' counts: γⁿ (1 − terminated), shape (P, b, 1).
+        next_observation: s', shape (P, b, o).
+        source: a ``Source``, shape (P, b, 1).
+        weight: of its error in a loss, 1 where all count the same, shape (P, b, 1).
+        indices: its place in the buffer that it was drawn from, shape (P, b).
     """
 
     observation: Tensor
@@ -71,10 +76,22 @@ class Transitions(NamedTuple):
 
     @property
     def demonstrated(self) -> Tensor:
-        """1 where a person or a demonstration shows what to do, shape (b, 1)."""
+        """1 where a person or a demonstration shows what to do, shape (P, b, 1)."""
         return (self.source >= Source.HUMAN).to(self.reward)
+
+    def rows(self) -> Tensor:
+        """What a replay keeps of them, shape (P, b, 2 o + n + 3)."""
+        return torch.cat(self[:6], dim=2)
+
+
+def transitions_of(rows: Tensor, observation_size: int, action_size: int, indices: Tensor) -> Transitions:
+    """The transitions of rows, shape (P, b, 2 o + n + 3), all of one weight."""
+    sizes = (observation_size, action_size, 1, 1, observation_size, 1)
+    return Transitions(*rows.split(sizes, dim=2), torch.ones_like(rows[..., :1]), indices)  # type: ignore[arg-type]
 
 
 def concatenated(parts: list[Transitions]) -> Transitions:
     """Several batches as one, in order."""
-    return parts[0] if len(parts) == 1 else Transitions(*map(torch.cat, zip(*parts, strict=True)))
+    if len(parts) == 1:
+        return parts[0]
+    return Transitions(*(torch.cat(columns, dim=1) for columns in zip(*parts, strict=True)))

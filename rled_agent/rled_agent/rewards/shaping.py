@@ -1,6 +1,6 @@
 """Shaping by a potential, which leaves the best policy as it is (Ng et al., 1999)."""
 
-from typing import Protocol
+from typing import Any, Protocol
 
 import torch
 from rled_msgs_py.task import TaskDescription
@@ -15,7 +15,7 @@ class Potential(Protocol):
     """How good a state is held to be."""
 
     def __call__(self, observation: Tensor) -> Tensor:
-        """φ(s) of normalised observations, shape (b, o); shape (b, 1)."""
+        """φ(s) of normalised observations, shape (P, b, o); shape (P, b, 1)."""
         ...
 
 
@@ -47,6 +47,14 @@ class ShapedSampler(Sampler):
         """As of the sampler behind."""
         self._sampler.update_priorities(indices, td_error)
 
+    def state_dict(self) -> dict[str, Any]:
+        """Of the sampler behind."""
+        return self._sampler.state_dict()
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from ``state``."""
+        self._sampler.load_state_dict(state)
+
 
 class DistancePotential(Potential):
     """φ(s) = −w ‖X_T − X‖: nearer to the target is better.
@@ -64,8 +72,8 @@ class DistancePotential(Potential):
         self._scale = torch.from_numpy(scaling.observation_scale.astype("float32"))
 
     def __call__(self, observation: Tensor) -> Tensor:
-        """φ(s), shape (b, 1)."""
+        """φ(s), shape (P, b, 1)."""
         m, physical = self._axes, observation * self._scale.to(observation) + self._center.to(observation)
-        away = physical[:, :m] if self._is_relative else physical[:, m : 2 * m] - physical[:, :m]
-        distance: Tensor = away.norm(dim=1, keepdim=True)
+        away = physical[..., :m] if self._is_relative else physical[..., m : 2 * m] - physical[..., :m]
+        distance: Tensor = away.norm(dim=-1, keepdim=True)
         return -self._weight * distance

@@ -11,7 +11,7 @@ from torch import Tensor
 from rled_agent.nn.tensor_file import TensorFile, damaged, open_tensors, write_tensors
 
 FORMAT = "rled-checkpoint"
-VERSION = 4
+VERSION = 5
 
 
 class Checkpoint(NamedTuple):
@@ -24,6 +24,17 @@ class Checkpoint(NamedTuple):
 
     tensors: dict[str, Tensor]
     state: dict[str, Any]
+
+    def joined(self, other: "Checkpoint") -> "Checkpoint":
+        """Both as one."""
+        return Checkpoint(self.tensors | other.tensors, self.state | other.state)
+
+    def without(self, part: str) -> "Checkpoint":
+        """All but one part."""
+        tensors, state = (
+            {name: each for name, each in values.items() if not name.startswith(f"{part}.")} for values in self
+        )
+        return Checkpoint(tensors, state)
 
 
 def write_checkpoint(path: Path, checkpoint: Checkpoint) -> None:

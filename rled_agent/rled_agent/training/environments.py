@@ -1,40 +1,53 @@
 """Making the environments that a run acts in and is looked at in."""
 
-from typing import Any, Protocol, TypeAlias, runtime_checkable
+from typing import Any
 
 import gymnasium
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.task import TaskDescription
+from rled_sim.vector.reach import ReachBatch
 
 from rled_agent.nn.scaling import Floats
 from rled_agent.training.config import TrainConfig
+from rled_agent.training.environment_batch import Environment, EnvironmentBatch, OneByOne, ReachEnvironments
 from rled_sim import ENVIRONMENTS  # which registers them
 
-Environment: TypeAlias = gymnasium.Env[Any, Any]
+Joints = NDArray[np.float64]
+
 Box = gymnasium.spaces.Box
 
 
-@runtime_checkable
-class Asynchronous(Protocol):
-    """An environment that is not in this process, so that it can move while this process learns."""
+def make_batch(config: TrainConfig, start_joints: Joints | None, count: int, device: torch.device) -> EnvironmentBatch:
+    """Environments of a run, stepped together; those of this project are arrays, any other is stepped by itself.
 
-    def begin(self, action: Any) -> None:
-        """Send the action of the next ``step`` already."""
-        ...
+    Args:
+        config: names environment, reward, targets and faults.
+        start_joints: joint angles that episodes start at (rad), shape (k, n): those of ζᵃ (Algorithm 2).
+        count: how many.
+        device: that tensors are on.
 
-
-def is_repeatable(env: Environment) -> bool:
-    """Whether an episode begun with the same seed and driven by the same actions is the same again.
-
-    A simulation is; an arm is not, and would make motions that nobody asked for. An environment that does not say is
-    taken for a simulation.
+    Raises:
+        RledError: as ``make_environment``.
     """
-    return bool(getattr(env.unwrapped, "is_repeatable", True))
+    robot = next((each for each, name in ENVIRONMENTS.items() if name == config.env), None)
+    if robot is None or config.reward == "own":
+        return OneByOne([make_environment(config, start_joints) for _ in range(count)], device)
+    batch = ReachBatch(
+        robot,
+        count,
+        reward=config.reward,
+        start_joints=start_joints,
+        target_spread=config.target_spread,
+        faults=config.faults,
+        device=None if device.type == "cpu" else str(device),
+    )
+    return ReachEnvironments(batch, device)
 
 
-def make_environment(config: TrainConfig, start_joints: NDArray[np.float64] | None) -> Environment:
+def make_environment(config: TrainConfig, start_joints: Joints | None) -> Environment:
     """The environment of a run.
 
     Args:
@@ -108,9 +121,3 @@ def bounds(space: gymnasium.Space[Any]) -> tuple[Floats, Floats]:
     """Least and greatest member of a box, shape (k,) each."""
     assert isinstance(space, Box)
     return space.low.astype(np.float64), space.high.astype(np.float64)
-
-
-def task_of(env: Environment) -> TaskDescription | None:
-    """The task of one of this project's environments, else None."""
-    task = getattr(env.unwrapped, "task", None)
-    return task if isinstance(task, TaskDescription) else None

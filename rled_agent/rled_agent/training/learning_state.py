@@ -1,11 +1,12 @@
 """What learning has come to, as tensors and plain values by name, and back."""
 
 import shlex
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import torch
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.validation import MAX_INT
 from torch import Tensor
@@ -27,23 +28,44 @@ def pack(**parts: dict[str, Any]) -> Checkpoint:
     return Checkpoint(tensors, {name: value for name, value in flat.items() if name not in tensors})
 
 
-def part_of(checkpoint: Checkpoint, part: str) -> dict[str, Any]:
+def part_of(checkpoint: Checkpoint, part: str, may_lack: bool = False) -> dict[str, Any]:
     """The state of one part.
 
     Raises:
-        KeyError: there is none.
+        KeyError: there is none, and it may not lack.
     """
     flat: dict[str, Any] = checkpoint.tensors | checkpoint.state
     state = {name.removeprefix(f"{part}."): each for name, each in flat.items() if name.startswith(f"{part}.")}
-    if not state:
+    if not state and not may_lack:
         raise KeyError(part)
     return state
 
 
+def seed_of(checkpoint: Checkpoint, seed: int, seeds: int) -> Checkpoint:
+    """The state of one seed of a population: its part of each tensor, and the plain values of all."""
+    tensors = {name: each.tensor_split(seeds)[seed] for name, each in checkpoint.tensors.items()}
+    return Checkpoint(tensors, checkpoint.state)
+
+
+def together(checkpoints: Sequence[Checkpoint]) -> Checkpoint:
+    """The state of a population of those of its seeds.
+
+    Raises:
+        TensorFileError: plain values differ, as the step does.
+    """
+    first, *others = checkpoints
+    for each in others:
+        if each.state != first.state:
+            name = next(name for name in first.state if each.state.get(name) != first.state[name])
+            raise TensorFileError(f"the checkpoints differ in {name}", "those of one step", "go on with each alone")
+    tensors = {name: torch.cat([each.tensors[name] for each in checkpoints]) for name in first.tensors}
+    return Checkpoint(tensors, first.state)
+
+
 def learning_state(learning: Learning) -> dict[str, dict[str, Any]]:
-    """Of learner, replay and what draws for them, to be packed."""
-    generator = {"state": learning.learner.generator.get_state()}
-    return {"learner": learning.learner.state_dict(), "replay": learning.replay.state_dict(), "generator": generator}
+    """Of learner, replay and batches, to be packed."""
+    batches = {} if learning.batches is learning.replay else learning.batches.state_dict()
+    return {"learner": learning.learner.state_dict(), "replay": learning.replay.state_dict(), "batches": batches}
 
 
 def restore_learning(checkpoint: Checkpoint, learning: Learning) -> None:
@@ -53,12 +75,14 @@ def restore_learning(checkpoint: Checkpoint, learning: Learning) -> None:
         KeyError, TypeError, ValueError, RuntimeError, RledError: it is not as it was written.
     """
     replay, learner = part_of(checkpoint, "replay"), part_of(checkpoint, "learner")
-    learner["updates"] = whole_number(learner, "updates")
+    for name in ("updates", "actor_updates"):
+        learner[name] = whole_number(learner, name)
     if "added" in replay:
         replay["added"] = whole_number(replay, "added")
     learning.replay.load_state_dict(replay)
     learning.learner.load_state_dict(learner)
-    learning.learner.generator.set_state(part_of(checkpoint, "generator")["state"])
+    if learning.batches is not learning.replay:
+        learning.batches.load_state_dict(part_of(checkpoint, "batches", may_lack=True))
 
 
 def whole_number(state: dict[str, Any], name: str) -> int:

@@ -1,13 +1,22 @@
 """Progress of long work: a bar on a terminal, plain lines elsewhere."""
 
 import math
+import statistics
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import TracebackType
 
 from tqdm import tqdm
 
+SHOWN = {
+    "updates_per_second": "updates/s",
+    "reward": "return",
+    "targets_reached": "targets",
+    "demonstrated_share": "demonstrated",
+    "qcd_median": "uncertainty",
+}
+"""Metrics beside the bar, where there are any."""
 INTERVAL = 1.0
 """Least time between two looks of the bar, or two plain lines (s)."""
 
@@ -32,9 +41,9 @@ class Progress:
         """So many are done."""
         self._bar.update(done - self._bar.n)
 
-    def say(self, done: int, metrics: Mapping[str, float]) -> None:
+    def say(self, done: int, metrics: Mapping[str, float | str]) -> None:
         """So many are done, and this is how it goes; a metric that is no number is left out."""
-        shown = {name: f"{value:.3g}" for name, value in metrics.items() if math.isfinite(value)}
+        shown = {name: _said(value) for name, value in metrics.items() if _is_told(value)}
         self.move(done)
         if not self._plain:
             self._bar.set_postfix(shown, refresh=False)
@@ -54,3 +63,34 @@ class Progress:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+
+def _said(value: float | str) -> str:
+    return value if isinstance(value, str) else f"{value:.3g}"
+
+
+def _is_told(value: float | str) -> bool:
+    return isinstance(value, str) or math.isfinite(value)
+
+
+def summary(rows: Sequence[Mapping[str, float]], seeds: Sequence[int]) -> dict[str, float | str]:
+    """How the runs of a population are doing: mean ± standard deviation, and the seed that lags behind.
+
+    Args:
+        rows: of metrics, one for each run that goes on.
+        seeds: of these runs.
+    """
+    if len(rows) < 2:
+        return {shown: row[name] for row in rows for name, shown in SHOWN.items() if name in row}
+    known = [name for name in SHOWN if all(math.isfinite(row.get(name, math.nan)) for row in rows)]
+    told: dict[str, float | str] = {SHOWN[name]: _spread([row[name] for row in rows]) for name in known}
+    told |= {"updates/s": f"{sum(row['updates_per_second'] for row in rows):.3g} in all"}
+    behind = [row.get("evaluation_reward", row.get("reward", math.nan)) for row in rows]
+    if all(map(math.isfinite, behind)) and min(behind) < max(behind):
+        worst = behind.index(min(behind))
+        told["behind"] = f"seed {seeds[worst]} with a return of {behind[worst]:.3g}"
+    return told
+
+
+def _spread(values: Sequence[float]) -> str:
+    return f"{statistics.fmean(values):.3g}±{statistics.pstdev(values):.2g}"

@@ -1,75 +1,63 @@
-"""One training run from its settings: what it learns from, what is composed, and the loop with its files."""
+"""Runs from their settings: what they learn from, what is composed. One run is a population of one."""
 
 import contextlib
-import time
-from collections.abc import Callable, Iterator
-from pathlib import Path
-from threading import Event
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
-import numpy as np
 import torch
 from rled_msgs_py.errors import RledError
-from torch.utils.tensorboard import SummaryWriter
+from rled_msgs_py.task import TaskDescription
 
 from rled_agent.data.demonstration_buffer import DemonstrationBuffer
 from rled_agent.data.demonstrations import Demonstrations
 from rled_agent.exploration.strategy import PolicyFunction, policy_function
 from rled_agent.methods.method import Problem
+from rled_agent.nn.draws import Draws
 from rled_agent.nn.policy import Origin, Policy
-from rled_agent.nn.scaling import Scaling, scaling_of_bounds, scaling_of_points
+from rled_agent.nn.scaling import Floats, Scaling, scaling_of_bounds, scaling_of_points
+from rled_agent.per_seed import merged
 from rled_agent.replay.replay import Sampler
 from rled_agent.training.config import TrainConfig
-from rled_agent.training.environments import Environment, bounds, make_environment, require_robot_of, task_of
-from rled_agent.training.metrics import MetricsAccumulator
-from rled_agent.training.progress import Progress
-from rled_agent.training.run_directory import RunDirectory
-from rled_agent.training.trainer import DivergenceError, Environments, Trainer
-
-SHOWN = {
-    "updates_per_second": "updates/s",
-    "reward": "return",
-    "targets_reached": "targets",
-    "demonstrated_share": "demonstrated",
-    "qcd_median": "uncertainty",
-}
-"""Metrics beside the bar, where there are any."""
+from rled_agent.training.environment_batch import Environment, EnvironmentBatch, OneByOne, ReachEnvironments
+from rled_agent.training.environments import bounds, make_batch, make_environment, require_robot_of
+from rled_agent.training.trainer import Environments, Trainer
 
 
 class Inputs(NamedTuple):
-    """What a run learns from besides experience.
+    """What runs learn from besides experience.
 
     Attributes:
         demonstrations: of a bag, None without one.
-        expert: cloned from them, None without one.
+        experts: cloned from them, one for each run; none without.
     """
 
     demonstrations: Demonstrations | None = None
-    expert: Policy | None = None
+    experts: tuple[Policy, ...] = ()
 
 
-class Run(NamedTuple):
-    """A run that was composed.
+class Population(NamedTuple):
+    """Runs that were composed to be made together.
 
     Attributes:
-        config: its settings.
+        configs: of each run.
         trainer: the loop's state.
-        expert: π̂ᵈ in the run's units, None without one.
+        expert: π̂ᵈ of each run in its units, None without.
+        task: of the robot; None for one that is not of this project.
     """
 
-    config: TrainConfig
+    configs: tuple[TrainConfig, ...]
     trainer: Trainer
     expert: PolicyFunction | None
+    task: TaskDescription | None
 
-    def policy(self) -> Policy | None:
-        """What was learned, in physical units; None for a robot that is not of this project."""
-        trainer, method = self.trainer, self.config.method
-        task = task_of(trainer.evaluation_env)
-        if task is None:
+    def policy(self, run: int) -> Policy | None:
+        """What one run has learned, in physical units; None for a robot that is not of this project."""
+        if self.task is None:
             return None
-        learner, gate = trainer.learning.learner, method.gate
-        critic = learner.critic if gate is not None and gate.estimator == "critics" else None
-        return Policy(learner.actor, trainer.scaling, task, Origin(method.name, gate), critic)
+        learner, method = self.trainer.learning.learner, self.configs[run].method
+        gate = method.gate
+        critic = learner.critic.member(run) if gate is not None and gate.estimator == "critics" else None
+        return Policy(learner.actor.member(run), self.trainer.scaling, self.task, Origin(method.name, gate), critic)
 
 
 def require_inputs(config: TrainConfig, inputs: Inputs) -> None:
@@ -78,7 +66,8 @@ def require_inputs(config: TrainConfig, inputs: Inputs) -> None:
     Raises:
         RledError: says what.
     """
-    missing = [name for name in config.method.needs if getattr(inputs, name) is None]
+    given = {"demonstrations": inputs.demonstrations is not None, "expert": bool(inputs.experts)}
+    missing = [name for name in config.method.needs if not given[name]]
     if missing:
         what = f"{config.method.name} lacks {' and '.join(missing)}"
         raise RledError(what, "--bag and --expert", "record a bag with record_demos, clone it with train_expert")
@@ -86,149 +75,94 @@ def require_inputs(config: TrainConfig, inputs: Inputs) -> None:
 
 @contextlib.contextmanager
 def composed(
-    config: TrainConfig, inputs: Inputs, training_env: Callable[[Environment], Environment] | None = None
-) -> Iterator[Run]:
-    """Make environments, learner and strategy of a run; the environments are closed after it.
+    configs: Sequence[TrainConfig],
+    inputs: Inputs,
+    training_env: Callable[[TaskDescription | None], Environment] | None = None,
+    device: str = "cpu",
+) -> Iterator[Population]:
+    """Make environments, learner and strategy of runs; the environments are closed after it.
 
     Args:
-        config: settings.
-        inputs: demonstrations and expert.
-        training_env: makes the environment to act in, from the one that it is looked at in; another one of the same
-            kind by default.
+        configs: settings of each run, which differ in the seed and in numbers that may be swept.
+        inputs: demonstrations and experts.
+        training_env: makes the environment of a single run to act in, for the task that it is looked at in; another
+            one of the same kind by default.
+        device: that networks, replay and environments are on.
 
     Raises:
         RledError: settings, bag, weights and environment do not fit each other.
     """
-    require_inputs(config, inputs)
+    first, where = configs[0], torch.device(device)
+    require_inputs(first, inputs)
     if inputs.demonstrations is not None:
-        require_robot_of(inputs.demonstrations.task, config.env, "the bag")
+        require_robot_of(inputs.demonstrations.task, first.env, "the bag")
     starts = inputs.demonstrations.starts if inputs.demonstrations is not None else None
     with contextlib.ExitStack() as stack:
-        evaluation_env = stack.enter_context(contextlib.closing(make_environment(config, starts)))
-        env = training_env(evaluation_env) if training_env is not None else make_environment(config, starts)
-        stack.enter_context(contextlib.closing(env))
-        yield _compose(config, inputs, env, evaluation_env)
+        evaluation = stack.enter_context(contextlib.closing(_evaluation(configs, starts, where)))
+        if training_env is not None:
+            training: EnvironmentBatch = OneByOne([training_env(evaluation.task)], where)
+        else:
+            training = make_batch(first, starts, len(configs), where)
+        stack.enter_context(contextlib.closing(training))
+        yield _compose(configs, inputs, training, evaluation, where)
 
 
-def _compose(config: TrainConfig, inputs: Inputs, env: Environment, evaluation_env: Environment) -> Run:
-    scaling = _scaling(config, inputs, evaluation_env)
-    expert = policy_function(inputs.expert, scaling) if inputs.expert is not None else None
-    generator = np.random.default_rng(config.seed)
+def _evaluation(configs: Sequence[TrainConfig], starts: Floats | None, device: torch.device) -> EnvironmentBatch:
+    """One environment for each episode, where they are batched; else one for each run."""
+    first, runs = configs[0], len(configs)
+    batch = make_batch(first, starts, runs, device)
+    if not isinstance(batch, ReachEnvironments):
+        return batch
+    return make_batch(first, starts, runs * first.schedule.evaluation_episodes, device)
+
+
+def _compose(
+    configs: Sequence[TrainConfig],
+    inputs: Inputs,
+    training: EnvironmentBatch,
+    evaluation: EnvironmentBatch,
+    device: torch.device,
+) -> Population:
+    first, task, seeds = configs[0], evaluation.task, [each.seed for each in configs]
+    scaling = _scaling(first, inputs, task)
+    experts = inputs.experts if len(inputs.experts) == len(configs) else inputs.experts * len(configs)
+    expert = policy_function(experts, scaling, device) if experts else None
     problem = Problem(
         observation_size=len(scaling.observation_scale),
         action_size=len(scaling.action_scale),
-        capacity=config.schedule.capacity,
-        generator=generator,
-        torch_generator=torch.Generator().manual_seed(int(generator.integers(2**63))),
+        capacity=first.schedule.capacity,
+        draws=Draws(seeds, device),
         expert=expert,
-        demonstrations=_demonstrated(inputs, evaluation_env, scaling, generator),
+        demonstrations=_demonstrated(inputs, task, scaling, seeds, device),
     )
-    learning = config.method.learning(problem)
-    strategy = config.method.strategy(problem, learning.learner)
-    environments = Environments(env, evaluation_env, scaling)
-    trainer = Trainer(environments, learning, strategy, config.schedule, generator, has_expert=expert is not None)
-    return Run(config, trainer, expert)
+    method = merged([each.method for each in configs], device)
+    learning = method.learning(problem)
+    strategy = method.strategy(problem, learning.learner)
+    environments = Environments(training, evaluation, scaling)
+    trainer = Trainer(environments, learning, strategy, first.schedule, has_expert=expert is not None)
+    return Population(tuple(configs), trainer, expert, task)
 
 
-def _scaling(config: TrainConfig, inputs: Inputs, env: Environment) -> Scaling:
+def _scaling(config: TrainConfig, inputs: Inputs, task: TaskDescription | None) -> Scaling:
     """Of the demonstrations, or of the environment's bounds where there are none."""
-    task = task_of(env)
     if task is None and inputs != Inputs():
         raise RledError(
             f"env '{config.env}' has no robot that a bag or an expert could be of", "an environment of rled"
         )
-    for given, whose in ((inputs.demonstrations, "the bag"), (inputs.expert, "the expert")):
+    for given, whose in ((inputs.demonstrations, "the bag"), *((each, "the expert") for each in inputs.experts)):
         if given is not None and task is not None:
             task.require_same_robot(given.task, whose)
     if inputs.demonstrations is None or task is None:
-        return scaling_of_bounds(bounds(env.observation_space), bounds(env.action_space))
+        with contextlib.closing(make_environment(config, None)) as env:
+            return scaling_of_bounds(bounds(env.observation_space), bounds(env.action_space))
     visited = inputs.demonstrations.visited
     return scaling_of_points(task, visited.positions, visited.joints)
 
 
 def _demonstrated(
-    inputs: Inputs, env: Environment, scaling: Scaling, generator: np.random.Generator
+    inputs: Inputs, task: TaskDescription | None, scaling: Scaling, seeds: Sequence[int], device: torch.device
 ) -> Callable[[float], Sampler] | None:
-    demonstrations, task = inputs.demonstrations, task_of(env)
+    demonstrations = inputs.demonstrations
     if demonstrations is None or task is None:
         return None
-    return lambda gamma: DemonstrationBuffer(demonstrations, task, scaling, gamma, generator)
-
-
-class _Begin(NamedTuple):
-    """Where a run was when this process took it up.
-
-    Attributes:
-        time: of the performance counter (s).
-        step: environment steps.
-        updates: gradient steps.
-    """
-
-    time: float
-    step: int
-    updates: int
-
-
-def train(run: Run, directory: RunDirectory, stop: Event) -> None:
-    """Learn until the schedule's steps are done or ``stop`` is set; the last state is saved.
-
-    Raises:
-        DivergenceError: a loss is no number.
-    """
-    trainer, schedule = run.trainer, run.config.schedule
-    begin = _Begin(time.perf_counter(), trainer.step, trainer.learning.learner.updates)
-    with (
-        SummaryWriter(str(directory.path), purge_step=trainer.step) as board,
-        Progress("step", schedule.steps, trainer.step) as progress,
-    ):
-        while trainer.step < schedule.steps and not stop.is_set():
-            _advance(trainer, directory)
-            progress.move(trainer.step)
-            if trainer.step % schedule.log_every == 0 or trainer.step == schedule.steps:
-                row = _row(trainer, begin)
-                directory.append(row)
-                if directory.ends_in_the_best():
-                    _save_policy(run, directory.best_path)
-                _show(row, progress, board)
-            if trainer.step % schedule.checkpoint_every == 0 or trainer.step == schedule.steps:
-                _save(run, directory)
-    if stop.is_set():
-        _save(run, directory)
-
-
-def _advance(trainer: Trainer, directory: RunDirectory) -> None:
-    try:
-        trainer.advance()
-    except DivergenceError as error:
-        last = f"the last good checkpoint is {directory.checkpoint_path}"
-        kept = last if directory.checkpoint_path.exists() else "there is no checkpoint yet"
-        raise DivergenceError(error.what, error.accepted, f"{error.remedy}; {kept}") from None
-
-
-def _row(trainer: Trainer, begin: _Begin) -> dict[str, float]:
-    """Close the interval; evaluate when it is due."""
-    seconds, updates = time.perf_counter() - begin.time, trainer.learning.learner.updates
-    row = {"step": float(trainer.step), **trainer.metrics.row(trainer.has_expert), "updates": float(updates)}
-    row["steps_per_second"] = (trainer.step - begin.step) / seconds
-    row["updates_per_second"] = (updates - begin.updates) / seconds
-    trainer.metrics = MetricsAccumulator()
-    due = trainer.step % trainer.schedule.evaluate_every == 0
-    return row | ({f"evaluation_{name}": value for name, value in trainer.evaluate().items()} if due else {})
-
-
-def _show(row: dict[str, float], progress: Progress, board: SummaryWriter) -> None:
-    for name, value in row.items():
-        if np.isfinite(value):
-            board.add_scalar(name, value, int(row["step"]))
-    progress.say(int(row["step"]), {said: row[name] for name, said in SHOWN.items() if name in row})
-
-
-def _save(run: Run, directory: RunDirectory) -> None:
-    directory.save(run.trainer.checkpoint())
-    _save_policy(run, directory.policy_path)
-
-
-def _save_policy(run: Run, path: Path) -> None:
-    policy = run.policy()
-    if policy is not None:
-        policy.save(path)
+    return lambda gamma: DemonstrationBuffer(demonstrations, task, scaling, gamma, seeds, device)

@@ -17,7 +17,7 @@ from rled_msgs_py.outputs import require_output
 from rled_msgs_py.untrusted import read_json, read_text
 
 from rled_agent.methods.method import Method
-from rled_agent.training.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
+from rled_agent.training.checkpoint import Checkpoint, read_checkpoint, read_state, write_checkpoint
 from rled_agent.training.config import TrainConfig
 from rled_agent.training.learning_state import restoring, whole_number
 from rled_agent.training.tables import read_rows
@@ -33,6 +33,7 @@ class RunDirectory:
     ``config.json`` (settings, bag, versions), ``expert.json`` (what the expert comes to in an evaluation),
     ``metrics.csv`` (a row an interval), TensorBoard events, ``checkpoint.safetensors`` (the last good one) and, for
     this project's robots, ``policy.safetensors`` (of the checkpoint) and ``best.safetensors`` (of the best evaluation).
+    ``diverged.json`` is there where the run has ended since a loss was no number.
     """
 
     def __init__(self, path: Path) -> None:
@@ -42,6 +43,7 @@ class RunDirectory:
         self.checkpoint_path = path / "checkpoint.safetensors"
         self.policy_path = path / "policy.safetensors"
         self.best_path = path / "best.safetensors"
+        self.diverged_path = path / "diverged.json"
         self._rows: list[dict[str, float]] = []
 
     def require_new(self) -> None:
@@ -80,6 +82,10 @@ class RunDirectory:
         """Keep what the expert alone comes to in the episodes of an evaluation."""
         write_whole(self.path / "expert.json", json.dumps(result, indent=2) + "\n")
 
+    def write_diverged(self, step: int) -> None:
+        """Keep that a loss was found to be no number at that step: the run has ended."""
+        write_whole(self.diverged_path, json.dumps({"step": step}) + "\n")
+
     def config(self) -> dict[str, Any]:
         """The settings that ``create`` wrote.
 
@@ -111,6 +117,15 @@ class RunDirectory:
     def save(self, checkpoint: Checkpoint) -> None:
         """Replace the checkpoint."""
         write_checkpoint(self.checkpoint_path, checkpoint)
+
+    def step(self) -> int:
+        """Of the checkpoint.
+
+        Raises:
+            RledError: it is damaged.
+        """
+        with restoring(str(self.checkpoint_path)):
+            return whole_number(read_state(self.checkpoint_path), "run.step")
 
     def load(self) -> Checkpoint:
         """Read the checkpoint, and drop the metrics that came after it and what a killed process had half written.

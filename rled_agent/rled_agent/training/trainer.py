@@ -1,35 +1,30 @@
-"""The training loop: the same for an environment in this process and for one over the graph."""
+"""The training loop of a population: the same for environments in this process and for one over the graph."""
 
-import math
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from rled_msgs_py.errors import RledError
-from rled_msgs_py.records import Actor, GateCode
+from torch import Tensor
 
-from rled_agent.exploration.strategy import Choice, PolicyFunction, Strategy, network_function
+from rled_agent.exploration.strategy import Choice, Strategy, is_anywhere, network_function
 from rled_agent.methods.method import Learning
 from rled_agent.nn.scaling import Scaling
 from rled_agent.replay.transitions import Source, Step
 from rled_agent.training.checkpoint import Checkpoint
 from rled_agent.training.config import Schedule
-from rled_agent.training.environments import Asynchronous, Environment, is_repeatable
+from rled_agent.training.environment_batch import EnvironmentBatch, EnvironmentStep
+from rled_agent.training.evaluating import Evaluator, units_of
 from rled_agent.training.learning_state import (
     learning_state,
     pack,
     part_of,
     restore_learning,
     restoring,
+    seed_of,
+    together,
     whole_number,
 )
 from rled_agent.training.metrics import MetricsAccumulator
-from rled_agent.training.rollout import EpisodeResult, mean_result, roll_out
-
-EVALUATION_SEED = 1_000_000
-SEEDS = 2**31
 
 
 class DivergenceError(RledError):
@@ -37,29 +32,34 @@ class DivergenceError(RledError):
 
 
 class Environments(NamedTuple):
-    """Where a run learns.
+    """Where a population learns.
 
     Attributes:
-        training: to act in.
-        evaluation: another one of the same kind, to be looked at in.
+        training: to act in, one for each seed.
+        evaluation: others of the same kind, to be looked at in: one for each seed, or one for each of its episodes.
         scaling: of observations and actions.
     """
 
-    training: Environment
-    evaluation: Environment
+    training: EnvironmentBatch
+    evaluation: EnvironmentBatch
     scaling: Scaling
 
 
 class Trainer:
-    """One run: environment, what learns, who acts, and counters.
+    """P runs that take their steps together: environments, what learns, who acts, and counters.
+
+    No seed knows of the others: each has the numbers that it would have alone.
 
     Args:
-        environments: where it learns.
-        learning: learner, replay and batches.
+        environments: where they learn.
+        learning: learner, replay and batches; its draws have the seeds.
         strategy: who acts.
         schedule: when to do what.
-        generator: draws the seeds of episodes.
         has_expert: whether an expert might act.
+
+    Attributes:
+        step: environment steps of each.
+        diverged: whether a loss of a seed was no number, shape (P,); what it does from then on means nothing.
     """
 
     def __init__(
@@ -68,112 +68,108 @@ class Trainer:
         learning: Learning,
         strategy: Strategy,
         schedule: Schedule,
-        generator: np.random.Generator,
         has_expert: bool,
     ) -> None:
-        self.env, self.evaluation_env, self.scaling = environments
-        self.learning, self.strategy, self.schedule, self.generator = learning, strategy, schedule, generator
-        self.has_expert = has_expert
-        self.step = 0
-        self.act = network_function(learning.learner.actor)
-        self.metrics = MetricsAccumulator()
-        self._begin_episode(int(generator.integers(SEEDS)))
+        self.env, self.scaling = environments.training, environments.scaling
+        self.learning, self.strategy, self.schedule, self.has_expert = learning, strategy, schedule, has_expert
+        self.step, self.act, self.metrics = 0, network_function(learning.learner.actor), MetricsAccumulator()
+        draws = learning.learner.draws
+        self._device = draws.device
+        self._units = units_of(self.scaling, draws.device)
+        episodes = schedule.evaluation_episodes
+        self.evaluate_function = Evaluator(environments.evaluation, episodes, self._units, draws.population)
+        self.diverged = torch.zeros(draws.population, dtype=torch.bool, device=draws.device)
+        self.env.seed(draws.seeds)
+        self._begin()
 
-    def _begin_episode(self, seed: int) -> None:
-        self._episode_seed, self._episode_actions = seed, list[NDArray[np.float32]]()
-        self._episode = EpisodeResult()
-        observation, _ = self.env.reset(seed=seed)
-        self._observation = self.scaling.normalize_observation(observation)
-        self.strategy.begin()
+    @property
+    def seeds(self) -> int:
+        """P."""
+        return len(self.diverged)
+
+    def _begin(self) -> None:
+        """An episode begins for each seed."""
+        self._begins = torch.ones_like(self.diverged)
+        self._return = torch.zeros(self.seeds, dtype=torch.float64, device=self._device)
+        self._length = torch.zeros_like(self._return)
+        self._observation = self._units.normalised(self.env.begin(self._begins))
 
     def advance(self) -> None:
-        """One environment step, and while it is on its way the gradient steps that are due."""
+        """One environment step of each seed, and while it is on its way the gradient steps that are due."""
+        self.strategy.begin(self._begins)
         choice = self.strategy.act(self._observation)
-        if isinstance(self.env, Asynchronous):
-            self.env.begin(self._physical(choice.action))
+        action = torch.nan_to_num(self._units.physical(choice.action))  # of a seed that has diverged
+        self.env.announce(action)
         schedule = self.schedule
         if self.step and self.step >= schedule.train_after and self.step % schedule.train_every == 0:
             self._learn(schedule.gradient_steps)
-        step, info = self._transition(choice)
-        self.learning.replay.add(step)
-        self.metrics.count(choice, step.reward, info)
-        self._observation = step.next_observation
+        self._take(choice, self.env.step(action))
         self.step += 1
-        if step.is_last:
-            self.metrics.episodes.append(self._episode)
-            self.strategy.end(self._episode.reward)
-            self._begin_episode(int(self.generator.integers(SEEDS)))
 
-    def _physical(self, action: NDArray[np.float32]) -> NDArray[np.float32]:
-        return self.scaling.denormalize_action(action).astype(np.float32)
-
-    def _transition(self, choice: Choice) -> tuple[Step, Mapping[str, Any]]:
-        """Act, and count the step."""
-        observation, reward, terminated, truncated, info = self.env.step(self._physical(choice.action))
-        self._episode_actions.append(choice.action)
-        self._episode = self._episode.after(float(reward), info)
-        following = self.scaling.normalize_observation(observation)
-        discount, source = self.learning.gamma * (1.0 - terminated), Source[choice.actor.name]
-        is_last = bool(terminated or truncated)
-        return Step(self._observation, choice.action, float(reward), discount, following, source, is_last), info
+    def _take(self, choice: Choice, step: EnvironmentStep) -> None:
+        """Keep a step, and begin the episodes that follow those that it ended."""
+        over = step.terminated | step.truncated
+        following = self._units.normalised(step.observation)
+        discount = self.learning.gamma * (~step.terminated).float()
+        source = torch.where(choice.by_expert, float(Source.EXPERT), float(Source.AGENT))
+        reward = step.reward.float()
+        self.learning.replay.add(Step(self._observation, choice.action, reward, discount, following, source, over))
+        self._return, self._length = self._return + step.reward, self._length + 1.0
+        self.metrics.count(choice, step, self._return, self._length)
+        self.strategy.end(over, self._return)
+        self._begins, self._observation = over, following
+        if is_anywhere(over):
+            self._return, self._length = (torch.where(over, 0.0, each) for each in (self._return, self._length))
+            self._observation = self._units.normalised(self.env.begin(over))
 
     def _learn(self, gradient_steps: int) -> None:
         for _ in range(gradient_steps):
             update = self.learning.update(self.schedule.batch_size)
             self.metrics.updates.append(update)
-        if gradient_steps and not math.isfinite(float(update.td_error.sum())):
-            raise DivergenceError(f"a loss is no number at step {self.step}", "", "lower the learning rates")
+        if gradient_steps:
+            self.diverged = self.diverged | ~torch.isfinite(update.td_error.sum(dim=1))
+            if self._device.type == "cpu" and self.diverged.all():
+                raise DivergenceError(f"a loss is no number at step {self.step}", "", "lower the learning rates")
 
-    def evaluate(self) -> dict[str, float]:
-        """Mean result of the actor without noise or dropout, on the same episodes every time."""
+    def evaluate(self) -> list[dict[str, float]]:
+        """Mean result of each actor without noise or dropout, on the same episodes every time."""
         return self.evaluate_function(self.act)
 
-    def evaluate_function(self, act: PolicyFunction) -> dict[str, float]:
-        """Mean result of any policy, on those episodes."""
-        scaling = self.scaling
+    def checkpoints(self) -> list[Checkpoint]:
+        """All state of each seed, as of a run of its own."""
+        whole = pack(**learning_state(self.learning), strategy=self.strategy.state_dict(), run=self._run_state())
+        states = self.env.states()
+        return [
+            seed_of(whole, k, self.seeds).joined(pack(environment=state)) for k, state in enumerate(states)
+        ]  # fmt: skip
 
-        def physical(observation: NDArray[Any]) -> NDArray[np.float32]:
-            return scaling.denormalize_action(act(scaling.normalize_observation(observation))).astype(np.float32)
+    def _run_state(self) -> dict[str, Tensor | int]:
+        tensors = {"begins": self._begins, "return": self._return, "length": self._length}
+        return tensors | {"step": self.step, "drawn": self.learning.learner.draws.taken}
 
-        return mean_result(roll_out(self.evaluation_env, physical, self.schedule.evaluation_episodes, EVALUATION_SEED))
-
-    def checkpoint(self) -> Checkpoint:
-        """All state, taken where an interval of metrics has just been closed."""
-        actions = np.array(self._episode_actions, dtype=np.float32)
-        episode = {"actions": torch.from_numpy(actions), "seed": self._episode_seed}
-        run = {
-            "step": self.step,
-            "generator": self.generator.bit_generator.state,
-            "strategy": self.strategy.state_dict(),
-        }
-        return pack(**learning_state(self.learning), episode=episode, run=run)
-
-    def restore(self, checkpoint: Checkpoint) -> bool:
-        """Go on: bit for bit where the environment can be brought to where it was, else with a new episode.
+    def restore(self, checkpoints: list[Checkpoint]) -> bool:
+        """Go on: bit for bit where the environments can be brought to where they were, else with new episodes.
 
         Returns:
-            Whether the episode goes on where it was.
+            Whether the episodes go on where they were.
 
         Raises:
-            TensorFileError: of another configuration or environment, or not as ``checkpoint`` made it.
+            TensorFileError: of another configuration or environment, of several steps, or not as ``checkpoints`` made
+                them.
         """
         with restoring("the checkpoint"):
-            restore_learning(checkpoint, self.learning)
-            run, episode = part_of(checkpoint, "run"), part_of(checkpoint, "episode")
+            whole = together([each.without("environment") for each in checkpoints])
+            restore_learning(whole, self.learning)
+            self.strategy.load_state_dict(part_of(whole, "strategy", may_lack=True))
+            run = part_of(whole, "run")
             self.step = whole_number(run, "step")
-            repeats = is_repeatable(self.env)
+            self.learning.learner.draws.taken = whole_number(run, "drawn")
+            repeats = self.env.restore([part_of(each, "environment") for each in checkpoints])
             if repeats:
-                self._repeat(whole_number(episode, "seed"), episode["actions"].numpy())
-            self.generator.bit_generator.state = run["generator"]
-            self.strategy.load_state_dict(run["strategy"])
+                self._begins = run["begins"].bool()
+                self._return, self._length = (run[name].to(self._return) for name in ("return", "length"))
+                self._observation = self._units.normalised(self.env.begin(torch.zeros_like(self._begins)))
         if not repeats:
             self.learning.replay.cut()
-            self._begin_episode(int(self.generator.integers(SEEDS)))
+            self._begin()
         return repeats
-
-    def _repeat(self, seed: int, actions: NDArray[np.float32]) -> None:
-        """Bring the environment to where an episode was: the seed and the actions again."""
-        self._begin_episode(seed)
-        for action in actions:
-            before = Choice(action, Actor.AGENT, GateCode.UNGATED)
-            self._observation = self._transition(before)[0].next_observation

@@ -1,65 +1,60 @@
 """Measures of how far actions of several passes or members lie apart (Eq. 4.39)."""
 
-import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import cache
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
+import torch
+from torch import Tensor
 
 
 class Quartiles(NamedTuple):
-    """How the actions lie.
+    """How the actions of each seed lie, each of shape (P, n).
 
     Attributes:
-        low: first quartile with linear interpolation, n numbers.
+        low: first quartile with linear interpolation.
         high: third quartile.
-        mean: shape (n,).
+        mean: of all.
     """
 
-    low: list[float]
-    high: list[float]
-    mean: NDArray[np.float64]
+    low: Tensor
+    high: Tensor
+    mean: Tensor
 
 
-def quartiles(actions: NDArray[np.floating]) -> Quartiles:
-    """Quartiles and mean over N actions, shape (N, n), in one product with the ordered values."""
-    low, high, mean = _weights(len(actions)) @ np.sort(actions, axis=0)
-    return Quartiles(low.tolist(), high.tolist(), mean)
+def quartiles(actions: Tensor) -> Quartiles:
+    """Quartiles and mean over N actions, shape (P, N, n), in one product with the ordered values."""
+    ordered = actions.sort(dim=1).values.double()
+    return Quartiles(*(_weights(actions.shape[1], actions.device) @ ordered).unbind(dim=1))
 
 
 @cache
-def _weights(count: int) -> NDArray[np.float64]:
+def _weights(count: int, device: torch.device) -> Tensor:
     """What each of the ordered values counts in the two quartiles and in the mean, shape (3, N)."""
-    weights = np.zeros((3, count))
+    weights = torch.zeros(3, count, dtype=torch.float64)
     for row, share in zip(weights, (0.25, 0.75), strict=False):
         place = share * (count - 1)
         below = int(place)
         row[below] = 1.0 - (place - below)
         row[min(below + 1, count - 1)] += place - below
     weights[2] = 1.0 / count
-    return weights
+    return weights.to(device)
 
 
-def qcd(low: Sequence[float], high: Sequence[float]) -> float:
-    """Quartile coefficient of dispersion, u_t = (1/Ω) Σ |(q₃ − q₁)/(q₃ + q₁)| (Eq. 4.39).
+def qcd(low: Tensor, high: Tensor) -> Tensor:
+    """Quartile coefficient of dispersion, u_t = (1/Ω) Σ |(q₃ − q₁)/(q₃ + q₁)| (Eq. 4.39), shape (P,).
 
     It has no bound: it explodes where the quartiles lie around zero, which is where the robot is nearly at rest.
     Two quartiles at zero are no dispersion.
     """
-    return sum(map(_dispersion, low, high)) / len(low)
+    apart = high - low
+    dispersion = (apart / (high + low)).abs()
+    return torch.where(apart == 0.0, 0.0, dispersion).mean(dim=1)
 
 
-def _dispersion(low: float, high: float) -> float:
-    if low == high:
-        return 0.0
-    return abs(high - low) / abs(high + low) if high + low else math.inf
-
-
-def iqr(low: Sequence[float], high: Sequence[float]) -> float:
+def iqr(low: Tensor, high: Tensor) -> Tensor:
     """Interquartile range over the action range of 2, averaged over the action's components: between 0 and 1."""
-    return (sum(high) - sum(low)) / len(low) / 2.0
+    return (high - low).mean(dim=1) / 2.0
 
 
-MEASURES: Mapping[str, Callable[[Sequence[float], Sequence[float]], float]] = {"qcd": qcd, "iqr": iqr}
+MEASURES: Mapping[str, Callable[[Tensor, Tensor], Tensor]] = {"qcd": qcd, "iqr": iqr}
