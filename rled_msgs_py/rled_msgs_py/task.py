@@ -4,11 +4,12 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rled_msgs_py.arrays import namespace
 from rled_msgs_py.errors import ContractError
 from rled_msgs_py.joint_names import check_names
 from rled_msgs_py.task_limits import NO_LIMITS, Limits
@@ -17,6 +18,8 @@ from rled_msgs_py.validation import check_fields, from_object
 
 Observation = Literal["displacement_and_joints", "position_and_target"]
 Reward = Literal["dense", "sparse"]
+Tensor = TypeVar("Tensor")
+"""``torch.Tensor``, which is not imported here."""
 
 
 @dataclass(frozen=True)
@@ -96,8 +99,12 @@ class TaskDescription:
     def _indices(self) -> NDArray[np.intp]:
         return np.array(self.axes)
 
-    def observe(self, q: NDArray[Any], position: NDArray[Any], target: NDArray[Any]) -> NDArray[np.float64]:
-        """The state vector x that a policy sees, for one state or a batch.
+    @overload
+    def observe(self, q: NDArray[Any], position: NDArray[Any], target: NDArray[Any]) -> NDArray[np.float64]: ...
+    @overload
+    def observe(self, q: Tensor, position: Tensor, target: Tensor) -> Tensor: ...
+    def observe(self, q: Any, position: Any, target: Any) -> Any:
+        """The state vector x that a policy sees, for one state or a batch; numpy arrays or torch tensors.
 
         Args:
             q: joint angles (rad), shape (..., n).
@@ -108,9 +115,16 @@ class TaskDescription:
             ``displacement_and_joints``: [X_T − X; q] of section 4.1.3, shape (..., m + n).
             ``position_and_target``: [X; X_T] of section 4.2.3, shape (..., 2m).
         """
+        xp = namespace(q)
         if self.observation == "displacement_and_joints":
-            return np.concatenate([(target - position).take(self._indices, -1), q], axis=-1)
-        return np.concatenate([position.take(self._indices, -1), target.take(self._indices, -1)], axis=-1)
+            return xp.concatenate([self._along_axes(target - position), q], -1)
+        return xp.concatenate([self._along_axes(position), self._along_axes(target)], -1)
+
+    def _along_axes(self, points: Any) -> Any:
+        """The components that the task uses (m): (..., 3) -> (..., m)."""
+        if isinstance(points, np.ndarray):
+            return points.take(self._indices, -1)
+        return namespace(points).stack([points[..., axis] for axis in self.axes], -1)  # no index to copy to a device
 
     def observation_bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Minimum and maximum observation inside the workspace and the joint limits."""

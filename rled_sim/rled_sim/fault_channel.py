@@ -10,6 +10,7 @@ from rled_msgs_py.records import PoseSample
 from rled_msgs_py.task import TaskDescription
 from rled_msgs_py.tick import Tick
 
+from rled_sim.draws import normal_draws, normals
 from rled_sim.faults import Faults, hidden_names
 
 T = TypeVar("T")
@@ -19,7 +20,10 @@ STREAM = 1
 
 
 class FaultChannel:
-    """Carries displacements to the robot, and states and rewards back."""
+    """Carries displacements to the robot, and states and rewards back.
+
+    Where there is any fault, each ``act`` and each ``see`` takes the same count of uniforms, whatever becomes of them.
+    """
 
     def __init__(
         self, faults: Faults, task: TaskDescription, position: Callable[[NDArray[np.float64]], NDArray[np.float64]]
@@ -71,46 +75,47 @@ class FaultChannel:
         faults = self._faults
         if not self._any:
             return delta
-        if delta is not None and not self._happens(faults.command_loss):
-            self._commands.send(delta, self._delay(faults.control_delay, faults.control_delay_spread))
+        lost, late, repeated, noise = self._uniforms()
+        if delta is not None and lost >= faults.command_loss:
+            self._commands.send(delta, delay(late, faults.control_delay, faults.control_delay_spread))
         arrived = self._commands.newest()
         if arrived is None:
             return None
-        if self._carried is not None and self._happens(faults.command_repeat):
+        if self._carried is not None and repeated < faults.command_repeat:
             arrived = self._carried
         self._carried = arrived
-        return self._perturbed(arrived)
+        return self._perturbed(arrived, noise)
 
     def see(self, tick: Tick) -> Tick:
         """What is seen of a state: an older one perhaps, under the stamp of this one, which asks for an answer."""
         if not self._any:
             return tick
         faults = self._faults
-        measured = self._masked(self._measured(tick))
-        if not self._happens(faults.observation_loss):
-            self._states.send(measured, self._delay(faults.observation_delay, faults.observation_delay_spread))
+        lost, late, paid_late, noise = self._uniforms()
+        measured = self._masked(self._measured(tick, noise))
+        if lost >= faults.observation_loss:
+            self._states.send(measured, delay(late, faults.observation_delay, faults.observation_delay_spread))
         self._seen = self._states.newest() or self._seen or measured
         joints, ee, target, _ = self._seen
-        stamp, status = tick.stamp, replace(tick.status, reward=self._paid(tick))
+        stamp, status = tick.stamp, replace(tick.status, reward=self._paid(tick, paid_late))
         return Tick(replace(joints, stamp=stamp), replace(ee, stamp=stamp), replace(target, stamp=stamp), status)
 
-    def _happens(self, share: float) -> bool:
-        return share > 0.0 and self._rng.random() < share
+    def _uniforms(self) -> tuple[float, float, float, NDArray[np.float64]]:
+        """What one call draws: three uniforms, and those of the noise."""
+        uniforms = self._rng.random(fault_draws(self._task.action_size))
+        return *uniforms[:3].tolist(), uniforms[3:]
 
-    def _delay(self, delay: int, spread: int) -> int:
-        return delay + int(self._rng.integers(spread + 1)) if spread else delay
-
-    def _perturbed(self, delta: list[float]) -> list[float]:
+    def _perturbed(self, delta: list[float], noise: NDArray[np.float64]) -> list[float]:
         if not self._faults.actuator_noise:
             return delta
         std = self._faults.actuator_noise * self._task.max_delta
-        perturbed: list[float] = (delta + self._rng.normal(0.0, std, len(delta))).tolist()
+        perturbed: list[float] = (delta + std * normals(noise, len(delta))).tolist()
         return perturbed
 
-    def _measured(self, tick: Tick) -> Tick:
+    def _measured(self, tick: Tick, noise: NDArray[np.float64]) -> Tick:
         if not self._faults.sensor_noise:
             return tick
-        q = tick.joints.position + self._rng.normal(0.0, self._faults.sensor_noise, self._task.action_size)
+        q = tick.joints.position + self._faults.sensor_noise * normals(noise, self._task.action_size)
         q = np.clip(q, self._task.joint_lower, self._task.joint_upper)
         return tick._replace(joints=replace(tick.joints, position=q), ee=replace(tick.ee, position=self._position(q)))
 
@@ -131,11 +136,21 @@ class FaultChannel:
         position[list(self._task.axes)] = (np.array(self._task.workspace_lower) + self._task.workspace_upper) / 2.0
         return PoseSample(pose.stamp, pose.frame, position)
 
-    def _paid(self, tick: Tick) -> float:
+    def _paid(self, tick: Tick, late: float) -> float:
         faults, status = self._faults, tick.status
-        self._rewards.send(status.reward, self._delay(faults.reward_delay, faults.reward_delay_spread))
+        self._rewards.send(status.reward, delay(late, faults.reward_delay, faults.reward_delay_spread))
         over = status.terminated or status.truncated
         return sum(self._rewards.all() if over else self._rewards.due())
+
+
+def fault_draws(joints: int) -> int:
+    """How many uniforms one ``act`` or one ``see`` takes, for so many joints."""
+    return 3 + normal_draws(joints)
+
+
+def delay(uniform: float, least: int, spread: int) -> int:
+    """Steps until something arrives: ``least``, and up to ``spread`` more."""
+    return least + int(uniform * (spread + 1))
 
 
 class _Delay(Generic[T]):

@@ -6,13 +6,13 @@ one state and a column of a numpy array or a torch tensor for many; the same few
 """
 
 import math
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from rled_msgs_py.arrays import namespace
 from rled_msgs_py.errors import RledError
 
 from rled_sim.links import Coordinate, Link, Vector, links_of
@@ -66,9 +66,9 @@ class Chain:
             RledError: another number of joints.
         """
         q = self._joint_vectors(q)
-        if q.ndim == 1 and _namespace(q) is np:
+        if q.ndim == 1 and namespace(q) is np:
             return np.array(self._position(q.tolist(), _sine_and_cosine))
-        xp = _namespace(q)
+        xp = namespace(q)
         return _stacked(self._position(_columns(q), lambda angle: _sines_and_cosines(xp, angle)), q)
 
     @overload
@@ -82,9 +82,9 @@ class Chain:
             RledError: another number of joints.
         """
         q = self._joint_vectors(q)
-        if q.ndim == 1 and _namespace(q) is np:
+        if q.ndim == 1 and namespace(q) is np:
             return np.array(self._derivatives(q.tolist(), _sine_and_cosine)).T
-        xp = _namespace(q)
+        xp = namespace(q)
         derivatives = self._derivatives(_columns(q), lambda angle: _sines_and_cosines(xp, angle))
         return xp.stack([_stacked(each, q) for each in derivatives], -1)
 
@@ -113,7 +113,7 @@ class Chain:
         return [found.get(joint, (0.0, 0.0, 0.0)) for joint in range(len(self.joint_names))]
 
     def _joint_vectors(self, q: Any) -> Any:
-        angles = np.asarray(q, dtype=np.float64) if _namespace(q) is np else q
+        angles = np.asarray(q, dtype=np.float64) if namespace(q) is np else q
         if angles.ndim == 0 or angles.shape[-1] != len(self.joint_names):
             raise RledError(f"joint angles of shape {tuple(angles.shape)}", f"(..., {len(self.joint_names)})")
         return angles
@@ -189,12 +189,6 @@ def _evenly_spread(lower: Array, upper: Array, count: int) -> Array:
     return lower + (np.arange(1, count + 1)[:, None] * steps % 1.0) * (upper - lower)
 
 
-def _namespace(q: Any) -> Any:
-    """The module whose functions take these joint vectors: torch for its tensors, which somebody else has imported."""
-    torch = sys.modules.get("torch")
-    return torch if torch is not None and isinstance(q, torch.Tensor) else np
-
-
 def _sine_and_cosine(angle: float) -> tuple[float, float]:
     return math.sin(angle), math.cos(angle)
 
@@ -222,6 +216,6 @@ def _columns(q: Any) -> list[Any]:
 
 def _stacked(vector: Vector, q: Any) -> Any:
     """Three coordinates as one array like the joint vectors: (..., 3); some may be plain numbers."""
-    xp = _namespace(q)
+    xp = namespace(q)
     arrays = [xp.full_like(q[..., 0], each) if isinstance(each, float) else each for each in vector]
     return xp.stack(arrays, -1)

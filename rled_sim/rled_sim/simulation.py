@@ -10,6 +10,7 @@ from rled_msgs_py.records import PoseSample
 from rled_msgs_py.task_limits import NO_LIMITS
 
 from rled_sim.commands import Refused
+from rled_sim.draws import index
 from rled_sim.episode_state import Episode, Outcome
 from rled_sim.motion_guard import Guard
 from rled_sim.plant import Plant
@@ -56,9 +57,12 @@ class Simulation:
         return None if task.limits == NO_LIMITS else Guard(task, self.plant.robot.chain, self.plant.touches)
 
     def reset(self, rng: np.random.Generator) -> None:
-        """Begin an episode: draw the start, then the target; ``rng`` draws the next targets too."""
+        """Begin an episode: draw the start, then the target; ``rng`` draws the next targets too.
+
+        Each draw is one ``rng.random()``, whatever there is to choose from.
+        """
         self._rng = rng
-        self.plant.place(self._starts[rng.integers(len(self._starts))])
+        self.plant.place(self._starts[index(rng, len(self._starts))])
         self._rest()
         self.episode = Episode(self.task, self.plant.q, self.plant.position, self.task.draw_target(rng))
 

@@ -10,6 +10,7 @@ from rled_msgs_py.errors import ContractError
 from rled_msgs_py.task import Reward, TaskDescription
 from rled_msgs_py.task_limits import NO_LIMITS, Limits
 
+from rled_sim.draws import index, offset
 from rled_sim.lemniscate import lemniscate
 from rled_sim.plant import Point
 from rled_sim.robots import Robot, robot_named
@@ -74,13 +75,17 @@ class ReachTask:
     penalty: float
     target_spread: float = 0.0
 
+    @property
+    def target_draws(self) -> int:
+        """How many uniforms a target takes."""
+        return 1 + (len(self.description.axes) if self.target_spread else 0)
+
     def draw_target(self, rng: np.random.Generator) -> Point:
-        """One of the targets, each as likely as the other, or a point anywhere around it."""
-        point = self.targets[rng.integers(len(self.targets))].tolist()
+        """One of the targets, each as likely as the other, or a point anywhere around it: ``target_draws`` uniforms."""
+        point = self.targets[index(rng, len(self.targets))].tolist()
         if self.target_spread:
-            axes, spread = self.description.axes, self.target_spread
-            for axis, offset in zip(axes, rng.uniform(-spread, spread, len(axes)).tolist(), strict=True):
-                point[axis] += offset
+            for axis in self.description.axes:
+                point[axis] += offset(rng.random(), self.target_spread)
         x, y, z = point
         return x, y, z
 

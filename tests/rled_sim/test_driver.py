@@ -27,7 +27,7 @@ def world():
     made.close()
 
 
-def driven(world, rules, seed=0, **limits):
+def driven(world, rules, seed=1, **limits):
     """A driver that has begun, and its ticks."""
     ticks = []
     task = reach_task(ROBOTS["planar"], **({"max_steps": 0, "targets_per_episode": 0} | limits))

@@ -68,7 +68,7 @@ def test_exactly_the_threshold_is_not_reached():
 
 def test_reached_target_is_followed_by_another():
     task, rng = reach_task(PANDA), np.random.default_rng(0)
-    expected = tuple(task.targets[np.random.default_rng(0).integers(1572)])
+    expected = tuple(task.targets[int(1572 * np.random.default_rng(0).random())])
     episode = begun(task)
     episode.advance((0.0,) * 7, HERE, rng)
     assert episode.target == expected

@@ -1,0 +1,75 @@
+"""Where the arrays of a batch live: in numpy, or in torch on a device."""
+
+from types import ModuleType
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from rled_msgs_py.errors import RledError
+
+Array = Any
+"""A numpy array, or a tensor."""
+Dtype = Literal["float64", "float32", "int64", "bool"]
+
+
+class Arrays:
+    """Makes arrays of numpy, or tensors on a device.
+
+    Attributes:
+        xp: the module whose functions take these arrays: numpy or torch.
+    """
+
+    def __init__(self, device: str | None) -> None:
+        """Choose numpy, or torch on a device such as ``cpu`` or ``cuda``, which is loaded only then.
+
+        Raises:
+            RledError: torch is not installed, or has no such device.
+        """
+        self._device = device
+        self.xp: Any = np if device is None else _torch_with(device)
+
+    def array(self, values: Any, dtype: Dtype | None = "float64") -> Array:
+        """An array of values, which are not copied where they are one already; of their own type when None.
+
+        Raises:
+            RledError: no numbers.
+        """
+        try:
+            if self._device is None:
+                return np.asarray(values, dtype=dtype)
+            return self.xp.as_tensor(values, dtype=dtype and getattr(self.xp, dtype), device=self._device).detach()
+        except (TypeError, ValueError, RuntimeError):
+            raise RledError(f"{' '.join(repr(values).split())[:80]}", "numbers") from None
+
+    def full(self, shape: tuple[int, ...], value: float, dtype: Dtype = "float64") -> Array:
+        """An array of one value."""
+        return self.array(np.full(shape, value, dtype), dtype)
+
+    def cast(self, array: Array, dtype: Dtype) -> Array:
+        """An array's values as another type; fractions are cut off."""
+        return array.astype(dtype) if self._device is None else array.to(getattr(self.xp, dtype))
+
+    def copied(self, array: Array) -> Array:
+        """An array with the same values that shares nothing."""
+        return array.copy() if self._device is None else array.clone()
+
+    def host(self, array: Array) -> NDArray[Any]:
+        """The same values in numpy; waits for the device."""
+        return np.asarray(array if self._device is None else array.cpu())
+
+    def chosen(self, which: Array, there: Array, elsewhere: Array) -> Array:
+        """The rows of one array where ``which`` holds, and of another elsewhere, of 1 dimension or more."""
+        return self.xp.where(which.reshape(-1, *(1,) * (elsewhere.ndim - 1)), there, elsewhere)
+
+
+def _torch_with(device: str) -> ModuleType:
+    try:
+        import torch
+    except ImportError:
+        raise RledError(f"device '{device}' without torch", "None, for numpy", "pip install torch") from None
+    try:
+        torch.zeros(1, dtype=torch.float64, device=device)
+    except (RuntimeError, AssertionError, TypeError) as error:
+        said = str(error).splitlines()[0]
+        raise RledError(f"device '{device}': {said}", "None (numpy), cpu, or one that torch finds, as cuda") from None
+    return torch
