@@ -1,6 +1,5 @@
 """Command: expert and learned policy side by side, on seen and unseen targets."""
 
-import contextlib
 import json
 import math
 from collections.abc import Mapping
@@ -21,14 +20,13 @@ from rled_sim.faults import Faults
 from rled_sim.kinematics import Chain
 from rled_sim.robots import robot_named
 from rled_sim.tasks import reach_task
+from rled_sim.vector.reach import ReachBatch
 
 from rled_agent.bounds import Count, Seed
 from rled_agent.data.closed_form import demonstration_points
 from rled_agent.data.demonstrations import DemonstrationPoints
-from rled_agent.methods.td3 import TD3
 from rled_agent.nn.policy import Policy, load_policy
-from rled_agent.training.config import TrainConfig
-from rled_agent.training.environments import environment_of, make_environment
+from rled_agent.training.evaluating import evaluate_policy
 from rled_agent.training.evaluation import (
     DistanceBin,
     Score,
@@ -42,7 +40,6 @@ from rled_agent.training.evaluation import (
 )
 from rled_agent.training.plots import Floats, draw_tool_paths, drawn_plane
 from rled_agent.training.progress import Progress
-from rled_agent.training.rollout import mean_result, roll_out
 
 DRAWN_TRAJECTORIES = 20
 """Motions of a distance bin that are drawn and kept."""

@@ -123,8 +123,7 @@ def _make(
     with composed(configs, inputs, _training_env(options), options.device) as population:
         _open(members, options, population, bag)
         train(population, directories, stop)
-    runs = f"the run is in {directories[0].path}" if len(members) == 1 else f"{len(members)} runs are in {options.output}"
-    print(f"{population.trainer.step:,} of {options.config.schedule.steps:,} steps; {runs}")
+    print(f"{population.trainer.step:,} of {options.config.schedule.steps:,} steps; {_where(options, members)}")
 
 
 def _parsed(arguments: list[str]) -> Options | None:
@@ -245,8 +244,12 @@ def _said(options: Options, members: list[Member]) -> str:
         else "; the expert does not act, it is evaluated for comparison"
     )
     task = f"{config.env}, reward {config.reward}"
+    return f"{config.method.name} on {task}, {config.schedule.steps:,} steps; {_where(options, members)}{vain}"
+
+
+def _where(options: Options, members: list[Member]) -> str:
     runs = "the run is" if len(members) == 1 else f"{len(members)} runs are"
-    return f"{config.method.name} on {task}, {config.schedule.steps:,} steps; {runs} in {options.output}{vain}"
+    return f"{runs} in {options.output}"
 
 
 def _record(options: Options, member: Member, bag: Bag | None, population: Population) -> dict[str, Any]:

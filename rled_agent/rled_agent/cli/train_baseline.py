@@ -21,11 +21,12 @@ from rled_agent.methods.td3 import TD3
 from rled_agent.nn.scaling import Scaling, scaling_of_points
 from rled_agent.training.config import TrainConfig
 from rled_agent.training.digests import bag_digest
-from rled_agent.training.environments import Environment, make_environment, require_robot_of, task_of
+from rled_agent.training.environment_batch import Environment, task_of
+from rled_agent.training.environments import make_environment, require_robot_of
+from rled_agent.training.evaluating import EVALUATION_SEED
 from rled_agent.training.progress import Progress
 from rled_agent.training.rollout import mean_result, roll_out
 from rled_agent.training.run_directory import RunDirectory
-from rled_agent.training.trainer import EVALUATION_SEED
 
 
 @dataclass(frozen=True)

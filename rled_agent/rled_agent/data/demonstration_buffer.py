@@ -8,7 +8,6 @@ import torch
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.task import TaskDescription
 from rled_sim.tasks import task_of_description
-from torch import Tensor
 
 from rled_agent.data.demonstrations import Demonstrations, Floats
 from rled_agent.nn.scaling import Scaling

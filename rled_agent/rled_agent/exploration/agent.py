@@ -30,7 +30,8 @@ class Noise:
         if not isinstance(self.std, Tensor) and not self.std:
             return action
         noise = self.draws.normal(action.shape[1]) * column(self.std, 2)
-        return (action + noise).clamp_(-1.0, 1.0)
+        noisy: Tensor = (action + noise).clamp_(-1.0, 1.0)
+        return noisy
 
 
 @dataclass

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import torch
 from rled_msgs_py.records import GateCode
@@ -83,7 +83,7 @@ def network_function(network: Perceptron) -> PolicyFunction:
     @torch.inference_mode()
     def act(observation: Tensor) -> Tensor:
         rows = observation if observation.ndim == 3 else observation[:, None]
-        action = network(rows)
+        action: Tensor = network(rows)
         if network.ensemble > 1:
             action = action.view(network.population, network.ensemble, *action.shape[1:]).mean(dim=1)
         return action if observation.ndim == 3 else action[:, 0]

@@ -145,7 +145,8 @@ class TD3Learner:
         q = self.value(following, action)
         if self._proposal is not None:
             q = torch.maximum(q, self.value(following, self._proposal(following)))
-        return transitions.reward * column(config.reward_scale, 3) + transitions.discount * q
+        target: Tensor = transitions.reward * column(config.reward_scale, 3) + transitions.discount * q
+        return target
 
     @torch.no_grad()
     def value(self, observation: Tensor, action: Tensor) -> Tensor:

@@ -61,5 +61,6 @@ class MCRLED(Method):
     def strategy(self, problem: Problem, learner: TD3Learner) -> Strategy:
         """The gate."""
         expert, noise = problem.require_expert(self.name), Noise(self.noise, problem.draws)
-        uncertainty = make_uncertainty(GateSettings(self.measure, passes=self.passes), learner.actor, None, problem.draws)
+        compared = GateSettings(self.measure, passes=self.passes)
+        uncertainty = make_uncertainty(compared, learner.actor, None, problem.draws)
         return UncertaintyGate(uncertainty, expert, noise, self.measure, self.threshold)

@@ -1,7 +1,6 @@
 """Adam whose state has a name from the start, so that a checkpoint holds it like weights."""
 
 from collections.abc import Sequence
-from functools import partial
 from itertools import accumulate, pairwise
 from typing import NamedTuple
 
@@ -10,6 +9,9 @@ from torch import Tensor
 from torch.optim.adam import adam
 
 from rled_agent.nn.perceptron import Perceptron
+
+VECTOR = 16
+"""Numbers of float32 in the longest vector of a processor."""
 
 
 class _Group(NamedTuple):
@@ -39,11 +41,14 @@ class Adam:
         self._exp_avg_sq = [torch.zeros_like(each) for each in self._parameters]
         ends = [network.ensemble * end for end in accumulate(seeds, initial=0)]
         rows = [slice(*each) for each in pairwise(ends)]
-        self._groups = [_Group(*map(partial(_rows, each), self._state()), _zeros(self._parameters)) for each in rows]
+        self._groups = [self._group(each) for each in rows]
         self._rows = rows
 
-    def _state(self) -> tuple[list[Tensor], list[Tensor], list[Tensor]]:
-        return [each.detach() for each in self._parameters], self._exp_avg, self._exp_avg_sq
+    def _group(self, rows: slice) -> _Group:
+        parameters = [each.detach() for each in self._parameters]
+        parts = [_parts(rows, each) for each in (parameters, self._exp_avg, self._exp_avg_sq)]
+        steps = [torch.zeros((), device=each.device) for each in parts[0]]
+        return _Group(parts[0], parts[1], parts[2], steps)
 
     def step(self, loss: Tensor, rates: Sequence[float]) -> None:
         """One step against the gradient of a loss, by a learning rate for each group of seeds."""
@@ -52,7 +57,7 @@ class Adam:
             for group, rows, rate in zip(self._groups, self._rows, rates, strict=True):
                 adam(
                     group.parameters,
-                    _rows(rows, gradients),
+                    _parts(rows, gradients),
                     group.exp_avg,
                     group.exp_avg_sq,
                     [],
@@ -88,9 +93,16 @@ class Adam:
                 tensor.fill_(float(steps))
 
 
-def _rows(rows: slice, tensors: list[Tensor]) -> list[Tensor]:
-    return tensors if rows.start == 0 and rows.stop == len(tensors[0]) else [each[rows] for each in tensors]
+def _parts(rows: slice, tensors: list[Tensor]) -> list[Tensor]:
+    """Some rows of tensors; a row that is no whole number of vectors is a part of its own on the host.
 
-
-def _zeros(parameters: list[Tensor]) -> list[Tensor]:
-    return [torch.zeros((), device=each.device) for each in parameters]
+    What is left over behind the last vector is rounded otherwise there than within one, so a seed's numbers would
+    depend on how many seeds lie behind each other.
+    """
+    parts: list[Tensor] = []
+    for each in tensors:
+        if each.device.type == "cpu" and each[0].numel() % VECTOR:
+            parts += each[rows].split(1)
+        else:
+            parts.append(each[rows])
+    return parts

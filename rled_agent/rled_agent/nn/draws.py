@@ -85,7 +85,8 @@ class Draws:
         words = self._words((count + 1) // 2)
         if isinstance(words, Tensor):
             return words.view(torch.int32)[:, :count]
-        return words.view(np.uint32)[:, :count]
+        halves: NDArray[np.uint32] = words.view(np.uint32)[:, :count]
+        return halves
 
     def _words(self, count: int) -> Any:
         """The next words of each member, shape (P, count): of NumPy's uint64 on the host, of int64 on a device."""
@@ -117,7 +118,8 @@ def _mixed_on_device(words: Tensor) -> Tensor:
     """The same with signed words, whose products overflow alike and whose shifts are masked."""
     words = (words ^ _shifted(words, 30)) * _signed(FIRST)
     words = (words ^ _shifted(words, 27)) * _signed(SECOND)
-    return words ^ _shifted(words, 31)
+    mixed: Tensor = words ^ _shifted(words, 31)
+    return mixed
 
 
 def _shifted(words: Tensor, bits: int) -> Tensor:

@@ -46,13 +46,13 @@ class Scaling:
         return self.action_center + self.action_scale * action
 
     def observation_into(self, other: "Scaling") -> tuple[Floats, Floats]:
-        """Factor and offset, shape (o,) each, that take an observation normalised by this to one normalised by another."""
+        """Factor and offset, shape (o,) each, from an observation normalised by this to one normalised by another."""
         return _into(
             (self.observation_center, self.observation_scale), (other.observation_center, other.observation_scale)
         )
 
     def action_into(self, other: "Scaling") -> tuple[Floats, Floats]:
-        """Factor and offset, shape (n,) each, that take an action normalised by this to one normalised by another."""
+        """Factor and offset, shape (n,) each, from an action normalised by this to one normalised by another."""
         return _into((self.action_center, self.action_scale), (other.action_center, other.action_scale))
 
 

@@ -224,7 +224,7 @@ class OneByOne(EnvironmentBatch):
 
     def states(self) -> list[dict[str, Tensor]]:
         """The number of each episode, and its actions."""
-        size = self._envs[0].action_space.shape[0]  # type: ignore[index]
+        size = self._envs[0].action_space.shape[0]
         return [
             {
                 "episode": torch.tensor([self._episodes[k]]),

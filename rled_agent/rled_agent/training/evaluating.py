@@ -92,7 +92,9 @@ def run_episodes(env: EnvironmentBatch, act: Callable[[Tensor], Tensor], seeds: 
     while under_way.any():
         step = env.step(act(observation))
         observation = step.observation
-        told = torch.stack([each.cpu().double() for each in (step.reward, step.targets_reached, step.violations)], dim=1)
+        told = torch.stack(
+            [each.cpu().double() for each in (step.reward, step.targets_reached, step.violations)], dim=1
+        )
         after = torch.cat((totals[:, :1] + told[:, :1], totals[:, 1:2] + 1.0, told[:, 1:]), dim=1)
         totals = torch.where(under_way[:, None], after, totals)
         under_way = under_way & ~(step.terminated | step.truncated).cpu()

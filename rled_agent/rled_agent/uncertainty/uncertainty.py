@@ -89,9 +89,7 @@ class CriticEnsemble(Uncertainty):
         return Estimate(action[:, 0], {STD: std})
 
 
-def make_uncertainty(
-    gate: GateSettings, actor: Perceptron, critic: Perceptron | None, draws: Draws
-) -> Uncertainty:
+def make_uncertainty(gate: GateSettings, actor: Perceptron, critic: Perceptron | None, draws: Draws) -> Uncertainty:
     """What a gate compares.
 
     Args:
