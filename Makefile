@@ -61,8 +61,8 @@ memory: setup ## Flood all nodes with messages of 3 MB for a minute and print wh
 repairs: setup ## Repair 500 random bags of several makers, and 500 that are damaged.
 	RLED_BAGS=500 $(BIN)/python -m pytest tests/rled_msgs_py/test_bag_repair.py -k as_rich --timeout 600 $(ARGS)
 
-reproduce: setup ## Make the missing runs behind the figures of chapter 4 (FIG=4.6: of one; hours).
-	$(BIN)/python -m rled_agent.experiments.reproduce $(FIG) $(ARGS)
+reproduce: setup ## Make the missing runs behind the figures of chapter 4 (FIG=4.6: of one, DEVICE=cuda; hours).
+	$(BIN)/python -m rled_agent.experiments.reproduce $(FIG) $(if $(DEVICE),--device $(DEVICE)) $(ARGS)
 
 figures: setup ## Draw all figures and write docs/results.md from the runs that are kept.
 	$(BIN)/python -m rled_agent.experiments.draw_figures $(FIG)

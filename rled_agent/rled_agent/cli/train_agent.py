@@ -84,11 +84,11 @@ def main() -> None:
     options = _parsed(sys.argv[1:])
     if options is None:
         return
-    torch.set_num_threads(1)
     torch.set_flush_denormal(True)
     check_fields(options)
     require_device(options.device)
     members = members_of(options.config, options.seeds, options.sweep, options.output)
+    torch.set_num_threads(min(len(members), torch.get_num_threads()))  # a product of one seed is made by one thread
     if options.over == "graph" and len(members) > 1:
         raise RledError(f"{len(members)} runs over one graph", "one", "leave out --seeds and --sweep")
     for each in members:

@@ -1,4 +1,4 @@
-"""Making one run: its command as a child process, what it wrote, and how that was."""
+"""Making the runs of a job: its command as a child process, what it wrote, and how that was."""
 
 import json
 import platform
@@ -16,60 +16,88 @@ from rled_msgs_py.untrusted import read_json, read_text
 
 from rled_agent.experiments.archive import RECORD, is_record
 from rled_agent.experiments.experiment import Run
+from rled_agent.experiments.jobs import POPULATES, Job
 from rled_agent.training.digests import file_digest
 
-BEGUN, CHECKPOINT = "command.txt", "checkpoint.safetensors"
-ONE_THREAD = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "CUDA_VISIBLE_DEVICES": ""}
-RESUMES = "train_agent"
+BEGUN, CHECKPOINT, DIVERGED = "command.txt", "checkpoint.safetensors", "diverged.json"
+ONE_THREAD = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 
 class Stopped(RledError):
     """The run was asked to end before it was done; it goes on from there the next time."""
 
 
-def execute(run: Run, root: Path, stop: Event) -> Path:
-    """Make a run, or go on with one of the same command that was broken off, on one thread.
+def execute(job: Job, root: Path, stop: Event) -> list[Path]:
+    """Make the runs of a job, or go on with those of the same command that were broken off, on one thread.
 
     Args:
-        run: what to do; what it needs is there.
+        job: what to do; what it needs is there.
         root: folder of all runs.
         stop: set to end early.
 
     Returns:
-        The run's folder, which holds ``run.json`` from now on.
+        The folder of each run, which holds ``run.json`` from now on.
 
     Raises:
         Stopped: ``stop`` was set.
         RledError: the command failed; its last lines are in the message.
     """
-    folder = root / run.name.folder
-    resuming = _can_go_on(folder, run, root)
-    if not resuming:
+    begun = tuple(run for run in job.runs if _can_go_on(root / run.name.folder, run, root))
+    anew = tuple(run for run in job.runs if run not in begun)
+    for run in anew:
+        folder = root / run.name.folder
         shutil.rmtree(folder, ignore_errors=True)
         write_whole(folder / BEGUN, _begun(run, root))
-    program, *options = run.arguments(root)
+    for runs in (begun, anew):
+        if runs:
+            _execute(job._replace(runs=runs), root, stop, resuming=runs is begun)
+    return [root / run.name.folder for run in job.runs]
+
+
+def _execute(job: Job, root: Path, stop: Event, *, resuming: bool) -> None:
+    program, *options = job.arguments(root)
     command = [sys.executable, "-m", f"rled_agent.cli.{program}", *options, *(["--resume"] if resuming else [])]
+    hidden = {} if job.device != "cpu" else {"CUDA_VISIBLE_DEVICES": ""}
     begun = time.monotonic()
+    try:
+        _run(command, ONE_THREAD | hidden, job, stop)
+    except Stopped:
+        raise
+    except RledError:
+        diverged = [run for run in job.runs if (root / run.name.folder / DIVERGED).exists()]
+        for run in job.runs if diverged else ():
+            if run not in diverged:  # the others of a population go on to their end
+                _record(run, job, root, (time.monotonic() - begun) / len(job.runs), resuming)
+        raise
+    for run in job.runs:
+        _record(run, job, root, (time.monotonic() - begun) / len(job.runs), resuming)
+
+
+def _run(command: list[str], env: dict[str, str], job: Job, stop: Event) -> None:
     with Children() as children:
-        child = children.start(command, env=ONE_THREAD, echo=False)
+        child = children.start(command, env=env, echo=False)
         while child.exit_code is None:
             if stop.wait(10 * POLL_PERIOD):
-                raise Stopped(f"{run.name} was stopped")
+                raise Stopped(f"{job} was stopped")
         children.check()
+
+
+def _record(run: Run, job: Job, root: Path, seconds: float, resuming: bool) -> None:
     record = {
         "command": list(run.command),
-        "seconds": round(time.monotonic() - begun, 1),
+        "seconds": round(seconds, 1),
+        "population": len(job.runs),
+        "device": job.device,
         "resumed": resuming,
         "processor": processor(),
         "python": platform.python_version(),
     }
-    write_whole(folder / RECORD, json.dumps(record, indent=2) + "\n")
-    return folder
+    write_whole(root / run.name.folder / RECORD, json.dumps(record, indent=2) + "\n")
 
 
 def _can_go_on(folder: Path, run: Run, root: Path) -> bool:
     begun = folder / BEGUN
-    if run.command[0] != RESUMES or not (folder / CHECKPOINT).is_file() or not begun.is_file():
+    if run.command[0] != POPULATES or not (folder / CHECKPOINT).is_file() or not begun.is_file():
         return False
     return begun.read_text(encoding="utf-8") == _begun(run, root)
 

@@ -1,4 +1,4 @@
-"""Command: make the runs behind the figures of chapter 4, as many at once as there are processors."""
+"""Command: make the runs behind the figures of chapter 4, the seeds of a variant together in one process."""
 
 import os
 from collections.abc import Callable
@@ -19,7 +19,9 @@ from rled_agent.experiments.archive import Archive, read_folder
 from rled_agent.experiments.cluster import Cluster
 from rled_agent.experiments.execution import execute, is_done
 from rled_agent.experiments.experiment import Library, Run, RunName
+from rled_agent.experiments.jobs import Job, jobs_of
 from rled_agent.experiments.sweep import Finished, sweep
+from rled_agent.nn.device import require_device
 from rled_agent.training.progress import Progress
 
 EXPERIMENTS, KEPT = Path("docs/results/experiments"), Path("docs/results/runs")
@@ -41,7 +43,9 @@ class Options:
     runs: Path = Path("out/reproduce")
     """folder for the runs while they are made"""
     workers: Annotated[int, Range(1, 10_000)] = len(os.sched_getaffinity(0))
-    """runs at once, each on one thread; on a cluster as many as it has processors"""
+    """processes at once, each on one thread for several seeds; on a cluster as many as it has processors"""
+    device: str = "cpu"
+    """of the learning runs: cpu, or cuda, where one process makes all seeds of a variant"""
     ray: str = ""
     """address of a Ray cluster to make them on: auto, or ray://host:10001"""
     anew: bool = False
@@ -55,6 +59,7 @@ def main() -> None:
     """Run the command."""
     options = tyro.cli(Options, prog="reproduce")
     check_fields(options)
+    require_device(options.device)
     if not options.show:
         require_output(options.runs, remedy="name another with --runs")
         require_output(KEPT, remedy="run it in the project's folder")
@@ -67,8 +72,9 @@ def main() -> None:
         return
     with stop_requested() as stop:
         make, workers = _maker(options, stop)
+        jobs = jobs_of(missing, workers, options.device)
         with ThreadPoolExecutor(workers) as pool:
-            failed = _make(missing, options.runs, make, pool)
+            failed = _make(jobs, options.runs, make, pool)
     if failed:
         raise RledError(f"{len(failed)} of {len(missing)} runs are not done: {', '.join(failed)}", "", "run it again")
 
@@ -87,31 +93,33 @@ def _missing(library: Library, options: Options) -> dict[RunName, Run]:
     return missing
 
 
-def _maker(options: Options, stop: Event) -> tuple[Callable[[Run], Path], int]:
-    """What makes one run, and how many are made at once."""
+def _maker(options: Options, stop: Event) -> tuple[Callable[[Job], list[Path]], int]:
+    """What makes one job, and how many are made at once."""
     if not options.ray:
-        return partial(execute, root=options.runs, stop=stop), options.workers
-    cluster = Cluster(options.ray, options.runs, stop)
+        return partial(execute, root=options.runs, stop=stop), options.workers if options.device == "cpu" else 1
+    cluster = Cluster(options.ray, options.runs, stop, options.device)
     return cluster.make, cluster.processors
 
 
-def _make(missing: dict[RunName, Run], root: Path, make: Callable[[Run], Path], pool: Executor) -> list[str]:
-    """Make the runs; returns the names of those that failed or were stopped."""
+def _make(jobs: list[Job], root: Path, make: Callable[[Job], list[Path]], pool: Executor) -> list[str]:
+    """Make the jobs; returns the names of the runs that failed or were stopped."""
     failed: list[str] = []
     done, archive = 0, Archive(KEPT)
 
     def tell(finished: Finished) -> None:
         nonlocal done
-        done += 1
-        if finished.error is None:
-            archive.add(read_folder(root / finished.name.folder, finished.name))
-        else:
-            failed.append(str(finished.name))
-            print(f"{finished.name}: {finished.error}", flush=True)
+        done += len(finished.job.runs)
+        for run in finished.job.runs:
+            if is_done(root, run):  # of a population whose command failed, some may be
+                archive.add(read_folder(root / run.name.folder, run.name))
+            else:
+                failed.append(str(run.name))
+        if finished.error is not None:
+            print(f"{finished.job}: {finished.error}", flush=True)
         progress.say(done, {"failed": len(failed)})
 
-    with Progress("run", len(missing)) as progress:
-        sweep(missing, make, pool, tell)
+    with Progress("run", sum(len(job.runs) for job in jobs)) as progress:
+        sweep(jobs, make, pool, tell)
     return failed
 
 

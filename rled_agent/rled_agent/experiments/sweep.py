@@ -1,6 +1,6 @@
-"""Many runs at once, each after those that it needs."""
+"""Many jobs at once, each after those that it needs."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -8,48 +8,49 @@ from typing import NamedTuple
 
 from rled_msgs_py.errors import RledError
 
-from rled_agent.experiments.experiment import Run, RunName
+from rled_agent.experiments.jobs import Job, by_run
 
 
 class Finished(NamedTuple):
-    """The end of one run.
+    """The end of one job.
 
     Attributes:
-        name: which run.
+        job: which.
         error: why it failed, None when it did not.
     """
 
-    name: RunName
+    job: Job
     error: RledError | None
 
 
 def sweep(
-    runs: Mapping[RunName, Run],
-    make: Callable[[Run], Path],
+    jobs: Sequence[Job],
+    make: Callable[[Job], Sequence[Path]],
     pool: Executor,
     tell: Callable[[Finished], None],
 ) -> None:
-    """Make all runs; what needs a failed one is left out.
+    """Make all jobs; what needs a failed one is left out.
 
     Args:
-        runs: to be made, by name; a need that is not among them is there already.
-        make: makes one run.
+        jobs: to be made; what they need that none of them makes is there already.
+        make: makes one.
         pool: takes as many as it can at once.
         tell: told of every end.
     """
-    sorter = TopologicalSorter({name: [need for need in run.needs if need in runs] for name, run in runs.items()})
+    maker = by_run(jobs)
+    sorter = TopologicalSorter({job: {maker[need] for need in job.needs if need in maker} for job in jobs})
     sorter.prepare()
-    running: dict[Future[Path], RunName] = {}
+    running: dict[Future[Sequence[Path]], Job] = {}
     while sorter.is_active():
-        for name in sorter.get_ready():
-            running[pool.submit(make, runs[name])] = name
+        for job in sorter.get_ready():
+            running[pool.submit(make, job)] = job
         if not running:
             return
         ended, _ = wait(running, return_when=FIRST_COMPLETED)
         for future in ended:
-            name, error = running.pop(future), future.exception()
+            job, error = running.pop(future), future.exception()
             if error is not None and not isinstance(error, RledError):
                 raise error
-            tell(Finished(name, error))
+            tell(Finished(job, error))
             if error is None:
-                sorter.done(name)
+                sorter.done(job)
