@@ -9,7 +9,7 @@ from rled_msgs_py.errors import RledError
 
 Array = Any
 """A numpy array, or a tensor."""
-Dtype = Literal["float64", "float32", "int64", "bool"]
+Dtype = Literal["float64", "float32", "int64", "bool"] | str
 
 
 class Arrays:
@@ -28,8 +28,8 @@ class Arrays:
         self._device = device
         self.xp: Any = np if device is None else _torch_with(device)
 
-    def array(self, values: Any, dtype: Dtype | None = "float64") -> Array:
-        """An array of values, which are not copied where they are one already; of their own type when None.
+    def array(self, values: Any, dtype: Dtype = "float64") -> Array:
+        """An array of values, which are not copied where they are one already.
 
         Raises:
             RledError: no numbers.
@@ -37,7 +37,7 @@ class Arrays:
         try:
             if self._device is None:
                 return np.asarray(values, dtype=dtype)
-            return self.xp.as_tensor(values, dtype=dtype and getattr(self.xp, dtype), device=self._device).detach()
+            return self.xp.as_tensor(values, dtype=getattr(self.xp, dtype), device=self._device).detach()
         except (TypeError, ValueError, RuntimeError):
             raise RledError(f"{' '.join(repr(values).split())[:80]}", "numbers") from None
 
@@ -53,13 +53,25 @@ class Arrays:
         """An array with the same values that shares nothing."""
         return array.copy() if self._device is None else array.clone()
 
+    def copy_like(self, array: Array, values: Any, name: str) -> Array:
+        """Values, copied into an array of the type of another.
+
+        Raises:
+            RledError: another shape, or no numbers; it has the name.
+        """
+        copy = self.copied(self.array(values, str(array.dtype).removeprefix("torch.")))
+        if copy.shape != array.shape:
+            raise RledError(f"{name} of shape {tuple(copy.shape)}", f"{tuple(array.shape)}")
+        return copy
+
     def host(self, array: Array) -> NDArray[Any]:
         """The same values in numpy; waits for the device."""
         return np.asarray(array if self._device is None else array.cpu())
 
     def chosen(self, which: Array, there: Array, elsewhere: Array) -> Array:
-        """The rows of one array where ``which`` holds, and of another elsewhere, of 1 dimension or more."""
-        return self.xp.where(which.reshape(-1, *(1,) * (elsewhere.ndim - 1)), there, elsewhere)
+        """The rows of one array where ``which`` holds, and of another elsewhere; either may be one number."""
+        dimensions = max(getattr(each, "ndim", 0) for each in (there, elsewhere))
+        return self.xp.where(which.reshape(*which.shape, *(1,) * (dimensions - which.ndim)), there, elsewhere)
 
 
 def _torch_with(device: str) -> ModuleType:
