@@ -69,6 +69,8 @@ class Transition:
         starts = [list(robot.home)] if start_joints is None else start_points(start_joints, task.description)
         numbers = (starts, task.targets, robot.lower, robot.upper)
         self._starts, self._targets, self._lower, self._upper = map(arrays.array, numbers)
+        self._start_positions = self._chain.position(self._starts)
+        self._start_risks = task.risky(self._starts.T, self._start_positions.T)
         self.draws = Draws(arrays, num_envs, 1 + 2 * task.target_draws)
 
     def nothing(self, num_envs: int) -> Episodes:
@@ -80,10 +82,8 @@ class Transition:
     def begun(self, before: Episodes, which: Array) -> Episodes:
         """Episodes begin where ``which`` holds: a start is drawn, then a target."""
         uniforms = self.draws.take(which, 1 + self._task.target_draws)
-        joints = self._starts[self._index(uniforms[:, 0], len(self._starts))]
-        position = self._chain.position(joints)
-        risky = self._task.risky(joints.T, position.T)
-        zero = before.steps * 0
+        start, zero = self._index(uniforms[:, 0], len(self._starts)), before.steps * 0
+        joints, position, risky = (each[start] for each in (self._starts, self._start_positions, self._start_risks))
         new = Episodes(joints, position, self._target(uniforms[:, 1:]), zero, zero, zero + risky, risky)
         return Episodes(*(self._arrays.chosen(which, *each) for each in zip(new, before, strict=True)))
 
