@@ -11,7 +11,7 @@ from rled_sim.faults import Faults
 from rled_sim.robots import ROBOTS
 from rled_sim.tasks import reach_task
 from rled_sim.vector.arrays import Arrays
-from rled_sim.vector.draws import CALLS_AHEAD, Draws
+from rled_sim.vector.draws import AHEAD, Draws
 
 PLANAR = ROBOTS["planar"]
 
@@ -83,7 +83,7 @@ def test_a_pool_gives_each_row_the_numbers_of_its_generator_in_their_order(devic
     draws, rng = Draws(arrays, 3, 4), np.random.default_rng(1)
     draws.seed(seeds)
     taken = [[] for _ in seeds]
-    for _ in range(5 * CALLS_AHEAD):
+    for _ in range(AHEAD):
         draws.reserve()
         for count in (1, 3):
             which = rng.random(3) < (0.1, 0.5, 1.0)

@@ -1,5 +1,7 @@
 """Batches of environments against the single ones, one step after another."""
 
+import copy
+import pickle
 from dataclasses import fields, replace
 
 import gymnasium
@@ -138,7 +140,7 @@ def test_a_batch_with_one_fault_equals_single_environments(singles, name):
 @pytest.mark.parametrize("device", [None, "cpu"])
 @pytest.mark.parametrize("robot", ENVIRONMENTS)
 def test_numbers_do_not_depend_on_how_many_run_beside_bit_for_bit(robot, device):
-    actions, seeds = deltas(robot, 7, 200), [4, 9, 1, 1, 0, 30, 2**40]
+    actions, seeds = deltas(robot, 7, 100), [4, 9, 1, 1, 0, 30, 2**40]
     options = RICH | {"start_joints": starts_of(robot), "device": device}
     first, steps = together(ReachBatch(robot, 7, **options), actions, seeds)
     for row, seed in enumerate(seeds):
@@ -173,6 +175,17 @@ def test_a_loaded_state_goes_on_bit_for_bit(device, given):
             assert [each[order].tobytes() for each in ours] == [each.tobytes() for each in theirs]
         else:
             np.testing.assert_allclose(theirs.observation, ours.observation[order], atol=1e-6)
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda each: pickle.loads(pickle.dumps(each))])
+@pytest.mark.parametrize("device", [None, "cpu"])
+def test_a_copied_batch_goes_on_by_itself(device, copied):
+    actions = deltas("planar", 3, 200)
+    batch = ReachBatch("planar", 3, device=device, **RICH)
+    together(batch, actions[:50], range(3))
+    other = copied(batch)
+    ours, theirs = ([plain(each.step(action)) for action in actions[50:]] for each in (batch, other))
+    assert [step.observation.tobytes() for step in ours] == [step.observation.tobytes() for step in theirs]
 
 
 def test_a_state_is_a_copy():

@@ -8,8 +8,8 @@ from rled_msgs_py.errors import RledError
 from rled_sim.vector.arrays import Array, Arrays
 from rled_sim.vector.stateful import Stateful
 
-CALLS_AHEAD = 64
-"""Calls that pass before the pool is looked after, which waits for the device."""
+AHEAD = 512
+"""Uniforms of each environment that calls may take before the pool is looked after, which waits for the device."""
 MAX_SEED = 2**63 - 1
 
 
@@ -32,7 +32,8 @@ class Draws(Stateful):
             stream: tells the generators from others of the same seeds.
         """
         self._arrays, self._stream = arrays, tuple(stream)
-        self._kept = CALLS_AHEAD * most
+        self._kept = max(AHEAD, most)
+        self._calls_ahead, self._calls = self._kept // most, 0
         self._uniforms = np.empty((num_envs, 2 * self._kept))
         self._generators = [np.random.Generator(np.random.PCG64(0))] * num_envs
         self._seeds, self._before = np.zeros((2, num_envs), np.int64)
@@ -70,7 +71,7 @@ class Draws(Stateful):
 
     def reserve(self) -> None:
         """A call begins: have as many uniforms as it may take."""
-        if self._calls == CALLS_AHEAD:
+        if self._calls == self._calls_ahead:
             self._top_up()
         self._calls += 1
 

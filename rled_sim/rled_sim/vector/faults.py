@@ -11,8 +11,8 @@ from rled_sim.faults import Faults, hidden_names
 from rled_sim.vector.arrays import Array, Arrays
 from rled_sim.vector.delay import Delay, DelayedRewards
 from rled_sim.vector.draws import Draws
+from rled_sim.vector.simulation import Episodes
 from rled_sim.vector.stateful import Stateful
-from rled_sim.vector.transition import Episodes
 
 
 class BatchFaultChannel(Stateful):

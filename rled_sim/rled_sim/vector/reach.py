@@ -12,8 +12,8 @@ from rled_sim.robots import robot_named
 from rled_sim.tasks import reach_task
 from rled_sim.vector.arrays import Array, Arrays
 from rled_sim.vector.faults import BatchFaultChannel
+from rled_sim.vector.simulation import BatchSimulation, Episodes
 from rled_sim.vector.stateful import Stateful
-from rled_sim.vector.transition import Episodes, Transition
 
 
 class BatchStep(NamedTuple):
@@ -41,8 +41,8 @@ class BatchStep(NamedTuple):
 class ReachBatch:
     """N environments, each with the numbers that ``ReachEnv`` has by itself with its seed.
 
-    The robots are displaced as Eq. 4.28 says; their tips are those of the kinematics, within 1e-7 m of PyBullet's. With
-    a device, one call in ``draws.CALLS_AHEAD`` waits for it; all the others read nothing back.
+    The robots are displaced as Eq. 4.28 says; their tips are those of the kinematics, within 1e-7 m of PyBullet's. On a
+    device one call in many waits for it, to draw ahead; all the others read nothing back.
 
     Attributes:
         task: what is asked of the robots.
@@ -92,14 +92,14 @@ class ReachBatch:
         )
         self.task: TaskDescription = task.description
         self.num_envs, self._arrays = num_envs, Arrays(device)
-        self._transition = Transition(self._arrays, num_envs, chosen, task, start_joints)
+        self._simulation = BatchSimulation(self._arrays, num_envs, chosen, task, start_joints)
         self._channel = (
             BatchFaultChannel(self._arrays, num_envs, faults, task.description, chosen.chain.position)
             if faults.any
             else None
         )
         self._all = self._arrays.full((num_envs,), True, "bool")
-        self.episodes, self._begun = self._transition.nothing(num_envs), False
+        self.episodes, self._begun = self._simulation.nothing(num_envs), False
 
     def seed(self, seeds: Sequence[int | None]) -> None:
         """Begin each environment's draws anew, as ``ReachEnv.reset(seed=)`` does; where None is given, they go on.
@@ -107,7 +107,7 @@ class ReachBatch:
         Raises:
             RledError: another number of seeds, or some that are none.
         """
-        self._transition.draws.seed(seeds)
+        self._simulation.draws.seed(seeds)
         if self._channel is not None:
             self._channel.draws.seed(seeds)
 
@@ -162,24 +162,24 @@ class ReachBatch:
         return self._step(delta, self._all) if ended is None else self._step_or_begin(delta, ended)
 
     def _reserve(self) -> None:
-        self._transition.draws.reserve()
+        self._simulation.draws.reserve()
         if self._channel is not None:
             self._channel.draws.reserve()
 
     def _begin(self, which: Array) -> Array:
-        self.episodes = self._transition.begun(self.episodes, which)
+        self.episodes = self._simulation.begun(self.episodes, which)
         if self._channel is None:
-            return self._transition.observation(self.episodes)
+            return self._simulation.observation(self.episodes)
         return self._channel.begin(which, self.episodes)
 
     def _step(self, delta: Array, which: Array) -> BatchStep:
         """A step of all; where ``which`` does not hold it draws nothing and means nothing."""
         if self._channel is not None:
             delta = self._channel.act(which, self._arrays.xp.clip(delta, -self.task.max_delta, self.task.max_delta))
-        self.episodes, outcomes = self._transition.stepped(self.episodes, delta, which)
+        self.episodes, outcomes = self._simulation.stepped(self.episodes, delta, which)
         reward, terminated, truncated = outcomes
         if self._channel is None:
-            observation = self._transition.observation(self.episodes)
+            observation = self._simulation.observation(self.episodes)
         else:
             observation, reward = self._channel.see(which, self.episodes, reward, terminated | truncated)
         return BatchStep(observation, reward, terminated, truncated, *self.episodes[4:])
@@ -213,4 +213,4 @@ class ReachBatch:
         self.episodes, self._begun = Episodes(*(given[name] for name in Episodes._fields)), True
 
     def _parts(self) -> dict[str, Stateful]:
-        return {"draws": self._transition.draws} | ({} if self._channel is None else self._channel.parts())
+        return {"draws": self._simulation.draws} | ({} if self._channel is None else self._channel.parts())

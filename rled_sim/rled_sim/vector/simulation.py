@@ -43,7 +43,7 @@ class Outcomes(NamedTuple):
     truncated: Array
 
 
-class Transition:
+class BatchSimulation:
     """Begins and steps episodes of kinematic robots.
 
     Attributes:
