@@ -10,4 +10,9 @@ ENVIRONMENTS = {"panda": "rled/PandaReach-v0", "planar": "rled/PlanarReach-v0"}
 """Gymnasium's name of the environment of each robot that has one, by the robot's name."""
 
 for robot, name in ENVIRONMENTS.items():
-    register(name, entry_point="rled_sim.faulty_env:make_reach", kwargs={"robot": robot})
+    register(
+        name,
+        entry_point="rled_sim.faulty_env:make_reach",
+        vector_entry_point="rled_sim.vector.env:ReachVectorEnv",
+        kwargs={"robot": robot},
+    )

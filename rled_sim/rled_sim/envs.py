@@ -15,6 +15,7 @@ from rled_sim.bullet.client import has_display
 from rled_sim.bullet.world import Transition, World
 from rled_sim.robots import robot_named
 from rled_sim.simulation import Simulation
+from rled_sim.spaces import action_space, observation_space
 from rled_sim.tasks import reach_task
 
 Floats = NDArray[np.float32]
@@ -87,10 +88,7 @@ class ReachEnv(gymnasium.Env[Floats, Floats]):
             self._world.close()
             raise
         self._axes, self._relative = self.task.axes, self.task.observation == "displacement_and_joints"
-        lower, upper = self.task.observation_bounds()
-        self.observation_space = gymnasium.spaces.Box(lower.astype(np.float32), upper.astype(np.float32))
-        largest = self.task.max_delta
-        self.action_space = gymnasium.spaces.Box(-largest, largest, (self.task.action_size,), np.float32)
+        self.observation_space, self.action_space = observation_space(self.task), action_space(self.task)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Floats, dict[str, Any]]:
         """Begin an episode; a seed begins the random draws anew.

@@ -53,6 +53,16 @@ class Faults:
 NO_FAULTS = Faults()
 
 
+def require_faults(faults: object) -> None:
+    """Refuse what is something else.
+
+    Raises:
+        ContractError: says what faults are.
+    """
+    if not isinstance(faults, Faults):
+        raise ContractError(f"faults {faults!r}", "rled_sim.faults.Faults(...)")
+
+
 def hidden_names(text: str, joint_names: Sequence[str]) -> list[str]:
     """What is hidden.
 

@@ -9,7 +9,7 @@ from rled_msgs_py.errors import RledError
 from rled_sim.action import action_array
 from rled_sim.envs import Floats, ReachEnv
 from rled_sim.fault_channel import FaultChannel
-from rled_sim.faults import NO_FAULTS, Faults
+from rled_sim.faults import NO_FAULTS, Faults, require_faults
 from rled_sim.robots import robot_named
 from rled_sim.ticks import tick_of
 
@@ -63,8 +63,7 @@ class FaultyReach(gymnasium.Wrapper[Floats, Floats, Floats, Floats]):
 
 def make_reach(*, faults: Faults = NO_FAULTS, **options: Any) -> gymnasium.Env[Floats, Floats]:
     """``ReachEnv``, behind a fault channel if there are faults."""
-    if not isinstance(faults, Faults):
-        raise RledError(f"faults {faults!r}", "rled_sim.faults.Faults(...)")
+    require_faults(faults)
     env = ReachEnv(**options)
     try:
         return FaultyReach(env, faults) if faults.any else env

@@ -8,6 +8,7 @@ import gymnasium
 import numpy as np
 import pytest
 from rled_sim.robots import ROBOTS
+from rled_sim.vector.reach import ReachBatch
 
 import rled_sim  # noqa: F401
 
@@ -56,6 +57,28 @@ def test_environment_is_forty_times_as_fast_as_panda_gyms_joint_reach(figure):
     figure("panda_gym_steps_per_s", round(median(peer for _, peer in rates)))
     figure("env_vs_panda_gym", round(median(ratios), 1))
     wanted(median(ratios) >= 40.0, "env_vs_panda_gym of 40 or more")
+
+
+def batch_steps_per_second(batch, actions):
+    begin = time.perf_counter()
+    for action in actions:
+        step = batch.step(action)
+        if (over := step.terminated | step.truncated).any():
+            batch.begin(over)
+    return batch.num_envs * len(actions) / (time.perf_counter() - begin)
+
+
+def test_a_batch_of_1024_is_ten_times_as_fast_as_single_environments(figure):
+    single, batch = opened("rled/PandaReach-v0"), ReachBatch("panda", 1024)
+    batch.begin()
+    few = [single.action_space.sample() for _ in range(5000)]
+    many = np.random.default_rng(0).uniform(-0.04, 0.04, (300, 1024, 7)).astype(np.float32)
+    rates = [(batch_steps_per_second(batch, many), steps_per_second(single, few)) for _ in range(ROUNDS)]
+    single.close()
+    ratio = median(ours / theirs for ours, theirs in rates)
+    figure("batch_steps_per_s", round(median(ours for ours, _ in rates)))
+    figure("batch_vs_single_env", round(ratio, 1))
+    wanted(ratio >= 10.0, "batch_vs_single_env of 10 or more")
 
 
 def test_batch_kinematics_make_three_million_configurations_a_second(figure):

@@ -133,6 +133,15 @@ def test_displacement_and_joints_observation_by_hand():
     assert upper.tolist() == [2.0, 2.0, 2.0, 3.0, 3.0]
 
 
+@pytest.mark.parametrize("observation", ["displacement_and_joints", "position_and_target"])
+def test_observations_of_tensors_are_those_of_arrays(observation):
+    import torch
+
+    task = replace(TASK, observation=observation)
+    states = [np.random.default_rng(size).normal(size=(4, size)) for size in (2, 3, 3)]
+    np.testing.assert_array_equal(task.observe(*map(torch.from_numpy, states)).numpy(), task.observe(*states))
+
+
 @given(st.lists(st.floats(0.0, 1.0), min_size=8, max_size=8))
 def test_observations_within_workspace_and_limits_are_within_the_bounds(shares):
     for observation in ("displacement_and_joints", "position_and_target"):

@@ -21,7 +21,7 @@ def imports(path):
             yield node.module.split(".")[0]
 
 
-@pytest.mark.parametrize("module", ["", ".kinematics", ".robots", ".tasks", ".motion_guard", ".driver"])
+@pytest.mark.parametrize("module", ["", ".kinematics", ".robots", ".tasks", ".motion_guard", ".driver", ".vector.env"])
 def test_module_loads_neither_pybullet_nor_ros(module):
     command = [sys.executable, "-c", LOADED.format(f"rled_sim{module}")]
     assert subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip() == ""

@@ -1,7 +1,6 @@
 """Where the arrays of a batch live: in numpy, or in torch on a device."""
 
-from types import ModuleType
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,15 +8,10 @@ from rled_msgs_py.errors import RledError
 
 Array = Any
 """A numpy array, or a tensor."""
-Dtype = Literal["float64", "float32", "int64", "bool"]
 
 
 class Arrays:
-    """Makes arrays of numpy, or tensors on a device.
-
-    Attributes:
-        xp: the module whose functions take these arrays: numpy or torch.
-    """
+    """Makes arrays of numpy, or tensors on a device."""
 
     def __init__(self, device: str | None) -> None:
         """Choose numpy, or torch on a device such as ``cpu`` or ``cuda``, which is loaded only then.
@@ -26,10 +20,20 @@ class Arrays:
             RledError: torch is not installed, or has no such device.
         """
         self._device = device
-        self.xp: Any = np if device is None else _torch_with(device)
+        if device is not None:
+            _require_torch(device)
 
-    def array(self, values: Any, dtype: Dtype | None = "float64") -> Array:
-        """An array of values, which are not copied where they are one already; of their own type when None.
+    @property
+    def xp(self) -> Any:
+        """The module whose functions take these arrays: numpy or torch; a module kept as an attribute is not copied."""
+        if self._device is None:
+            return np
+        import torch
+
+        return torch
+
+    def array(self, values: Any, dtype: str = "float64") -> Array:
+        """An array of values, which are not copied where they are one already.
 
         Raises:
             RledError: no numbers.
@@ -37,15 +41,15 @@ class Arrays:
         try:
             if self._device is None:
                 return np.asarray(values, dtype=dtype)
-            return self.xp.as_tensor(values, dtype=dtype and getattr(self.xp, dtype), device=self._device).detach()
+            return self.xp.as_tensor(values, dtype=getattr(self.xp, dtype), device=self._device).detach()
         except (TypeError, ValueError, RuntimeError):
             raise RledError(f"{' '.join(repr(values).split())[:80]}", "numbers") from None
 
-    def full(self, shape: tuple[int, ...], value: float, dtype: Dtype = "float64") -> Array:
+    def full(self, shape: tuple[int, ...], value: float, dtype: str = "float64") -> Array:
         """An array of one value."""
         return self.array(np.full(shape, value, dtype), dtype)
 
-    def cast(self, array: Array, dtype: Dtype) -> Array:
+    def cast(self, array: Array, dtype: str) -> Array:
         """An array's values as another type; fractions are cut off."""
         return array.astype(dtype) if self._device is None else array.to(getattr(self.xp, dtype))
 
@@ -53,16 +57,28 @@ class Arrays:
         """An array with the same values that shares nothing."""
         return array.copy() if self._device is None else array.clone()
 
+    def copy_like(self, array: Array, values: Any, name: str) -> Array:
+        """Values, copied into an array of the type of another.
+
+        Raises:
+            RledError: another shape, or no numbers; it has the name.
+        """
+        copy = self.copied(self.array(values, str(array.dtype).removeprefix("torch.")))
+        if copy.shape != array.shape:
+            raise RledError(f"{name} of shape {tuple(copy.shape)}", f"{tuple(array.shape)}")
+        return copy
+
     def host(self, array: Array) -> NDArray[Any]:
         """The same values in numpy; waits for the device."""
         return np.asarray(array if self._device is None else array.cpu())
 
     def chosen(self, which: Array, there: Array, elsewhere: Array) -> Array:
-        """The rows of one array where ``which`` holds, and of another elsewhere, of 1 dimension or more."""
-        return self.xp.where(which.reshape(-1, *(1,) * (elsewhere.ndim - 1)), there, elsewhere)
+        """The rows of one array where ``which`` holds, and of another elsewhere; either may be one number."""
+        dimensions = max(getattr(each, "ndim", 0) for each in (there, elsewhere))
+        return self.xp.where(which.reshape(*which.shape, *(1,) * (dimensions - which.ndim)), there, elsewhere)
 
 
-def _torch_with(device: str) -> ModuleType:
+def _require_torch(device: str) -> None:
     try:
         import torch
     except ImportError:
@@ -72,4 +88,3 @@ def _torch_with(device: str) -> ModuleType:
     except (RuntimeError, AssertionError, TypeError) as error:
         said = str(error).splitlines()[0]
         raise RledError(f"device '{device}': {said}", "None (numpy), cpu, or one that torch finds, as cuda") from None
-    return torch

@@ -6,18 +6,21 @@ import numpy as np
 from rled_msgs_py.errors import RledError
 
 from rled_sim.vector.arrays import Array, Arrays
+from rled_sim.vector.stateful import Stateful
 
-CALLS_AHEAD = 64
-"""Calls that pass before the pool is looked after, which waits for the device."""
+AHEAD = 512
+"""Uniforms of each environment that calls may take before the pool is looked after, which waits for the device."""
 MAX_SEED = 2**63 - 1
 
 
-class Draws:
+class Draws(Stateful):
     """A pool of uniforms on the device, shape (N, K), and how many of each row are taken.
 
     An environment's generator is the one that Gymnasium makes of its seed. It has one word for each uniform, so seed
     and count of draws are all its state.
     """
+
+    STATE = ("seeds", "taken")
 
     def __init__(self, arrays: Arrays, num_envs: int, most: int, stream: Sequence[int] = ()) -> None:
         """Make a pool; without seeds, somewhere.
@@ -29,7 +32,8 @@ class Draws:
             stream: tells the generators from others of the same seeds.
         """
         self._arrays, self._stream = arrays, tuple(stream)
-        self._kept = CALLS_AHEAD * most
+        self._kept = max(AHEAD, most)
+        self._calls_ahead, self._calls = self._kept // most, 0
         self._uniforms = np.empty((num_envs, 2 * self._kept))
         self._generators = [np.random.Generator(np.random.PCG64(0))] * num_envs
         self._seeds, self._before = np.zeros((2, num_envs), np.int64)
@@ -47,24 +51,27 @@ class Draws:
         """
         if len(seeds) != len(self._generators):
             raise RledError(f"{len(seeds)} seeds", f"{len(self._generators)}, one for each environment")
-        for seed in seeds:
-            if seed is not None and not (isinstance(seed, int | np.integer) and 0 <= seed <= MAX_SEED):
-                raise RledError(f"seed {seed}", f"whole numbers from 0 to {MAX_SEED}, or None")
+        _require_seeds(seeds)
         self._upload({row: (int(seed), 0) for row, seed in enumerate(seeds) if seed is not None})
 
     def state(self) -> dict[str, Array]:
-        """Each environment's ``seed`` and how many uniforms it has ``taken``, shape (N,)."""
+        """Each environment's seed, and how many uniforms it has taken, shape (N,)."""
         array = self._arrays.array
-        return {"seed": array(self._seeds.copy(), "int64"), "taken": array(self._before, "int64") + self._taken}
+        return {"seeds": array(self._seeds.copy(), "int64"), "taken": array(self._before, "int64") + self._taken}
 
     def load(self, state: dict[str, Array]) -> None:
-        """Go on from a ``state``."""
-        seeds, taken = (self._arrays.host(state[name]).tolist() for name in ("seed", "taken"))
+        """Go on from a ``state``.
+
+        Raises:
+            RledError: seeds that are none.
+        """
+        seeds, taken = (self._arrays.host(state[name]).tolist() for name in self.STATE)
+        _require_seeds(seeds)
         self._upload(dict(enumerate(zip(seeds, taken, strict=True))))
 
     def reserve(self) -> None:
         """A call begins: have as many uniforms as it may take."""
-        if self._calls == CALLS_AHEAD:
+        if self._calls == self._calls_ahead:
             self._top_up()
         self._calls += 1
 
@@ -96,3 +103,9 @@ class Draws:
             taken[row] = 0
         self._taken, self._pool = self._arrays.array(taken, "int64"), self._arrays.array(self._uniforms)
         self._calls = 0
+
+
+def _require_seeds(seeds: Sequence[int | None]) -> None:
+    for seed in seeds:
+        if seed is not None and not (isinstance(seed, int | np.integer) and 0 <= seed <= MAX_SEED):
+            raise RledError(f"seed {seed}", f"whole numbers from 0 to {MAX_SEED}, or None")

@@ -7,19 +7,20 @@ from numpy.typing import ArrayLike
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.task import Reward, TaskDescription
 
-from rled_sim.draws import offset
+from rled_sim.faults import NO_FAULTS, Faults, require_faults
 from rled_sim.robots import robot_named
-from rled_sim.starts import start_points
 from rled_sim.tasks import reach_task
 from rled_sim.vector.arrays import Array, Arrays
-from rled_sim.vector.draws import Draws
+from rled_sim.vector.faults import BatchFaultChannel
+from rled_sim.vector.simulation import BatchSimulation, Episodes
+from rled_sim.vector.stateful import Stateful
 
 
 class BatchStep(NamedTuple):
     """What one step gives.
 
     Attributes:
-        observation: the states that the transitions led to, shape (N, o), float32.
+        observation: of the states that the transitions led to, shape (N, o), float32.
         reward: of the transitions, shape (N,).
         terminated: the last target of the episode is reached, shape (N,).
         truncated: the episode is cut, shape (N,).
@@ -37,38 +38,16 @@ class BatchStep(NamedTuple):
     risky: Array
 
 
-class Episodes(NamedTuple):
-    """How far the episodes have come.
-
-    Attributes:
-        joints: joint angles (rad), shape (N, n).
-        position: end effector (m), shape (N, 3).
-        target: point to reach (m), shape (N, 3).
-        steps: transitions so far, shape (N,).
-        targets_reached: targets reached, shape (N,).
-        violations: risky states so far, the first included, shape (N,).
-        risky: the present state is risky, shape (N,).
-    """
-
-    joints: Array
-    position: Array
-    target: Array
-    steps: Array
-    targets_reached: Array
-    violations: Array
-    risky: Array
-
-
 class ReachBatch:
-    """N environments, each with the numbers that ``ReachEnv`` with its seed has by itself.
+    """N environments, each with the numbers that ``ReachEnv`` has by itself with its seed.
 
-    The robot is displaced as Eq. 4.28 says; its tip is that of the kinematics, 1e-7 m from PyBullet's. With a device,
-    ``step`` and ``begin`` wait for it once in ``draws.CALLS_AHEAD`` calls; between these nothing is read back.
+    The robots are displaced as Eq. 4.28 says; their tips are those of the kinematics, within 1e-7 m of PyBullet's. On a
+    device one call in many waits for it, to draw ahead; all the others read nothing back.
 
     Attributes:
         task: what is asked of the robots.
         num_envs: N.
-        episodes: how far they have come.
+        episodes: how far they have come, and where robots and targets really are.
     """
 
     def __init__(
@@ -81,6 +60,7 @@ class ReachBatch:
         targets_per_episode: int | None = None,
         max_steps: int | None = None,
         target_spread: float = 0.0,
+        faults: Faults = NO_FAULTS,
         device: str | None = None,
     ) -> None:
         """Make a batch; ``begin`` comes first.
@@ -93,6 +73,7 @@ class ReachBatch:
             targets_per_episode: targets that end an episode, 0 never; the task's own when None.
             max_steps: steps that cut an episode, 0 never; the task's own when None.
             target_spread: how far beside the curve a target lies at most, along each axis of the task (m).
+            faults: between whoever acts and the robots, as of ``FaultyReach``.
             device: of torch's tensors, such as ``cpu`` or ``cuda``; numpy when None.
 
         Raises:
@@ -100,29 +81,25 @@ class ReachBatch:
         """
         if num_envs < 1:
             raise RledError(f"num_envs is {num_envs}", "1 or more")
+        require_faults(faults)
         chosen = robot_named(robot)
-        self._task = reach_task(
+        task = reach_task(
             chosen,
             reward=reward,
             targets_per_episode=targets_per_episode,
             max_steps=max_steps,
             target_spread=target_spread,
         )
-        self.task: TaskDescription = self._task.description
-        self.num_envs, self._chain = num_envs, chosen.chain
-        starts = [list(chosen.home)] if start_joints is None else start_points(start_joints, self.task)
-        self._arrays = Arrays(device)
-        self._starts, self._targets, self._lower, self._upper = map(
-            self._arrays.array, (starts, self._task.targets, chosen.lower, chosen.upper)
+        self.task: TaskDescription = task.description
+        self.num_envs, self._arrays = num_envs, Arrays(device)
+        self._simulation = BatchSimulation(self._arrays, num_envs, chosen, task, start_joints)
+        self._channel = (
+            BatchFaultChannel(self._arrays, num_envs, faults, task.description, chosen.chain.position)
+            if faults.any
+            else None
         )
         self._all = self._arrays.full((num_envs,), True, "bool")
-        self._draws = Draws(self._arrays, num_envs, 1 + 2 * self._task.target_draws)
-        self.episodes, self._begun = self._no_episodes(), False
-
-    def _no_episodes(self) -> Episodes:
-        nothing, zero = float("nan"), self._arrays.full((self.num_envs,), 0, "int64")
-        joints, point = (self._arrays.full((self.num_envs, size), nothing) for size in (self.task.action_size, 3))
-        return Episodes(joints, point, point, zero, zero, zero, zero < 0)
+        self.episodes, self._begun = self._simulation.nothing(num_envs), False
 
     def seed(self, seeds: Sequence[int | None]) -> None:
         """Begin each environment's draws anew, as ``ReachEnv.reset(seed=)`` does; where None is given, they go on.
@@ -130,7 +107,20 @@ class ReachBatch:
         Raises:
             RledError: another number of seeds, or some that are none.
         """
-        self._draws.seed(seeds)
+        self._simulation.draws.seed(seeds)
+        if self._channel is not None:
+            self._channel.draws.seed(seeds)
+
+    def mask(self, which: Array) -> Array:
+        """A mask of environments as these arrays have it.
+
+        Raises:
+            RledError: another shape than (N,).
+        """
+        mask = self._arrays.array(which, "bool")
+        if mask.shape != (self.num_envs,):
+            raise RledError(f"a mask of shape {tuple(mask.shape)}", f"({self.num_envs},)")
+        return mask
 
     def begin(self, which: Array | None = None) -> Array:
         """Begin episodes.
@@ -144,103 +134,72 @@ class ReachBatch:
         Raises:
             RledError: a mask of another shape.
         """
-        self._draws.reserve()
-        return self._begin(self._mask(which))
+        mask = self._all if which is None else self.mask(which)
+        self._reserve()
+        self._begun = True
+        return self._begin(mask)
 
     def step(self, action: Array, over: Array | None = None) -> BatchStep:
         """Displace the joints.
 
-        An episode that is over goes on as if it were not, but for the mask.
+        Episodes that are over go on as others do; whoever steps begins the next ones, with ``begin`` or the mask.
 
         Args:
-            action: Δq (rad), shape (N, n), clipped to ±Δq_max; a NaN makes all of its environment NaN, until it begins.
-            over: environments that begin an episode instead of a step, shape (N,): their reward is 0.
+            action: Δq (rad), shape (N, n), clipped to ±Δq_max; a NaN makes its environment NaN until that begins anew.
+            over: environments that begin an episode instead of a step, shape (N,): their action counts nothing, their
+                reward is 0. None do when None.
 
         Raises:
             RledError: no episode has begun, or an array of another shape.
         """
         if not self._begun:
-            raise RledError("no episode has begun", "", "call begin first")
-        self._draws.reserve()
-        if over is None:
-            return self._step(self._displacement(action), self._all)
-        over = self._mask(over)
-        step = self._step(self._displacement(action), ~over)
-        return self._ended(step, over)
-
-    def _displacement(self, action: Array) -> Array:
+            raise RledError("no episode has begun", "", "call begin first, or reset of a Gymnasium environment")
         delta = self._arrays.array(action)
         if delta.shape != self.episodes.joints.shape:
             raise RledError(f"actions of shape {tuple(delta.shape)}", f"({self.num_envs}, {self.task.action_size})")
-        return delta
+        ended = None if over is None else self.mask(over)
+        self._reserve()
+        return self._step(delta, self._all) if ended is None else self._step_or_begin(delta, ended)
 
-    def _mask(self, which: Array | None) -> Array:
-        if which is None:
-            return self._all
-        mask = self._arrays.array(which, "bool")
-        if mask.shape != (self.num_envs,):
-            raise RledError(f"a mask of shape {tuple(mask.shape)}", f"({self.num_envs},)")
-        return mask
+    def _reserve(self) -> None:
+        self._simulation.draws.reserve()
+        if self._channel is not None:
+            self._channel.draws.reserve()
 
     def _begin(self, which: Array) -> Array:
-        uniforms = self._draws.take(which, 1 + self._task.target_draws)
-        joints = self._starts[self._index(uniforms[:, 0], len(self._starts))]
-        position = self._chain.position(joints)
-        risky = self._task.risky(joints.T, position.T)
-        zero = self._arrays.cast(risky, "int64") * 0
-        begun = Episodes(joints, position, self._target(uniforms[:, 1:]), zero, zero, zero + risky, risky)
-        self.episodes = Episodes(
-            *(self._arrays.chosen(which, *each) for each in zip(begun, self.episodes, strict=True))
-        )
-        self._begun = True
-        return self._observation()
+        self.episodes = self._simulation.begun(self.episodes, which)
+        if self._channel is None:
+            return self._simulation.observation(self.episodes)
+        return self._channel.begin(which, self.episodes)
 
     def _step(self, delta: Array, which: Array) -> BatchStep:
-        """A step of all; where ``which`` does not hold it draws nothing, and an episode begins next."""
-        before, task, largest = self.episodes, self.task, self.task.max_delta
-        joints = before.joints + self._arrays.xp.clip(delta, -largest, largest)
-        joints = self._arrays.xp.clip(joints, self._lower, self._upper)
-        position = self._chain.position(joints)
-        reward, reached, risky = self._task.judge(joints, position, before.target)
-        steps, targets_reached = before.steps + 1, before.targets_reached + reached
-        terminated = reached & (targets_reached == task.targets_per_episode)
-        truncated = ~terminated & (steps == task.max_steps)
-        target = self._next_target(before.target, reached & ~terminated, which)
-        self.episodes = Episodes(joints, position, target, steps, targets_reached, before.violations + risky, risky)
-        return BatchStep(self._observation(), reward, terminated, truncated, *self.episodes[4:])
+        """A step of all; where ``which`` does not hold it draws nothing and means nothing."""
+        if self._channel is not None:
+            delta = self._channel.act(which, self._arrays.xp.clip(delta, -self.task.max_delta, self.task.max_delta))
+        self.episodes, outcomes = self._simulation.stepped(self.episodes, delta, which)
+        reward, terminated, truncated = outcomes
+        if self._channel is None:
+            observation = self._simulation.observation(self.episodes)
+        else:
+            observation, reward = self._channel.see(which, self.episodes, reward, terminated | truncated)
+        return BatchStep(observation, reward, terminated, truncated, *self.episodes[4:])
 
-    def _ended(self, step: BatchStep, over: Array) -> BatchStep:
-        """A step as it is seen where episodes begin instead."""
+    def _step_or_begin(self, delta: Array, over: Array) -> BatchStep:
+        step = self._step(delta, ~over)
         observation = self._begin(over)
         reward = self._arrays.chosen(over, 0.0, step.reward)
         return BatchStep(observation, reward, step.terminated & ~over, step.truncated & ~over, *self.episodes[4:])
 
-    def _next_target(self, target: Array, replaced: Array, which: Array) -> Array:
-        drawn = self._target(self._draws.take(replaced & which, self._task.target_draws))
-        return self._arrays.chosen(replaced, drawn, target)
-
-    def _target(self, uniforms: Array) -> Array:
-        """``ReachTask.draw_target`` of uniforms, shape (N, target_draws)."""
-        points = self._targets[self._index(uniforms[:, 0], len(self._targets))]
-        if self._task.target_spread:
-            for column, axis in enumerate(self.task.axes, 1):
-                points[:, axis] += offset(uniforms[:, column], self._task.target_spread)
-        return points
-
-    def _index(self, uniforms: Array, count: int) -> Array:
-        return self._arrays.cast(uniforms * count, "int64")
-
-    def _observation(self) -> Array:
-        now = self.episodes
-        return self._arrays.cast(self.task.observe(now.joints, now.position, now.target), "float32")
-
     def state_dict(self) -> dict[str, Array]:
         """All that the next steps depend on, each with N as its leading dimension: a row is one environment's."""
         episodes = {name: self._arrays.copied(each) for name, each in self.episodes._asdict().items()}
-        return episodes | self._draws.state()
+        parts = {
+            f"{part}.{name}": each for part, owner in self._parts().items() for name, each in owner.state().items()
+        }
+        return episodes | parts
 
     def load_state_dict(self, state: dict[str, Array]) -> None:
-        """Go on from a ``state_dict``, of this batch or another, of numpy or torch.
+        """Go on from a ``state_dict`` of this batch or of another with its settings, of numpy or torch.
 
         Raises:
             RledError: names or shapes of another batch.
@@ -248,8 +207,10 @@ class ReachBatch:
         mine = self.state_dict()
         if state.keys() != mine.keys():
             raise RledError(f"a state of {', '.join(state)}", ", ".join(mine))
-        self.episodes = Episodes(
-            *(self._arrays.copied(self._arrays.array(state[name], None)) for name in Episodes._fields)
-        )
-        self._draws.load(state)
-        self._begun = True
+        given = {name: self._arrays.copy_like(each, state[name], name) for name, each in mine.items()}
+        for part, owner in self._parts().items():
+            owner.load({name: given[f"{part}.{name}"] for name in owner.STATE})
+        self.episodes, self._begun = Episodes(*(given[name] for name in Episodes._fields)), True
+
+    def _parts(self) -> dict[str, Stateful]:
+        return {"draws": self._simulation.draws} | ({} if self._channel is None else self._channel.parts())
