@@ -15,6 +15,7 @@ from rled_agent.experiments.archive import Archive, KeptRun, read_folder
 from rled_agent.experiments.draw_figures import main as draw_figures
 from rled_agent.experiments.execution import Stopped, _begun, _can_go_on, execute, is_done
 from rled_agent.experiments.experiment import Drawing, ExperimentError, Library, Run, RunName
+from rled_agent.experiments.jobs import Job, jobs_of
 from rled_agent.experiments.pictures import draw
 from rled_agent.experiments.reproduce import EXPERIMENTS, KEPT
 from rled_agent.experiments.reproduce import main as reproduce
@@ -24,6 +25,20 @@ from rled_agent.experiments.tables import table
 from rled_msgs_py.errors import RledError
 
 ROOT = Path(__file__).parents[2]
+SMALL = (
+    *(
+        "train_agent",
+        "pendulum",
+        "--schedule.steps",
+        "300",
+        "--schedule.log-every",
+        "100",
+        "--schedule.train-after",
+        "50",
+    ),
+    *("--schedule.evaluate-every", "300", "--schedule.evaluation-episodes", "1", "--learner.actor.hidden", "8"),
+    *("--learner.critic.hidden", "8", "--schedule.batch-size", "8"),
+)
 BASE = """
 title = "Base"
 claim = "It learns."
@@ -120,37 +135,84 @@ def runs_of(needs: dict[str, list[str]]) -> dict[RunName, Run]:
     return {names[each]: Run(names[each], commands[each]) for each in needs}
 
 
-def swept(runs: dict[RunName, Run], make: Callable[[Run], Path]) -> list[Finished]:
+def swept(runs: dict[RunName, Run], make: Callable[[Job], list[Path]]) -> list[Finished]:
     told: list[Finished] = []
     with ThreadPoolExecutor(3) as pool:
-        sweep(runs, make, pool, told.append)
+        sweep(jobs_of(runs, 3), make, pool, told.append)
     return told
 
 
 def test_a_run_is_made_after_those_that_it_needs():
     made: list[str] = []
     runs = runs_of({"d": ["b", "c"], "c": ["a"], "b": ["a"], "a": []})
-    told = swept(runs, lambda run: made.append(run.name.variant) or Path())
+    told = swept(runs, lambda job: made.append(job.runs[0].name.variant) or [])
     assert [each.error for each in told] == [None] * 4
     assert made[0] == "a"
     assert made[-1] == "d"
 
 
 def test_what_needs_a_failed_run_is_left_out_and_the_others_are_made():
-    def make(run: Run) -> Path:
-        if run.name.variant == "b":
+    def make(job: Job) -> list[Path]:
+        if job.runs[0].name.variant == "b":
             raise RledError("it broke")
-        return Path()
+        return []
 
     told = swept(runs_of({"a": [], "b": [], "c": ["b"], "d": ["a"]}), make)
-    assert {(each.name.variant, str(each.error or "")) for each in told} == {("a", ""), ("b", "it broke"), ("d", "")}
+    ended = {(each.job.runs[0].name.variant, str(each.error or "")) for each in told}
+    assert ended == {("a", ""), ("b", "it broke"), ("d", "")}
+
+
+def test_the_seeds_of_a_variant_are_one_job_as_long_as_all_processors_are_busy(library):
+    runs = library.with_needs(["upon"])
+    alone = jobs_of(runs, 3)
+    assert sorted(str(job) for job in alone) == [
+        *("base/plain/seed-0", "base/plain/seed-1", "upon/a/seed-0 and 1 more", "upon/b/seed-0", "upon/b/seed-1")
+    ]
+    job = next(job for job in alone if len(job.runs) == 2)
+    assert job.needs == (RunName("base", "plain", 0), RunName("base", "plain", 1))
+    assert job.arguments(Path("out")) == [
+        *("train_agent", "--expert", "out/base/plain/seed-{seed}/expert.safetensors", "--phi", "0"),
+        *("--seeds", "0,1", "--output", "out/upon/a"),
+    ]
+    assert job._replace(device="cuda").arguments(Path("out"))[-2:] == ["--device", "cuda"]
+    assert all(len(each.runs) == 1 for each in jobs_of(runs, 6))
+
+
+def test_seeds_are_made_together_as_each_would_be_alone(tmp_path):
+    runs = [Run(RunName("e", "v", seed), (*SMALL, "--seed", str(seed))) for seed in (0, 3)]
+    folders = execute(Job(tuple(runs)), tmp_path / "both", Event())
+    assert folders == [tmp_path / "both" / run.name.folder for run in runs]
+    for run, folder in zip(runs, folders, strict=True):
+        assert is_done(tmp_path / "both", run)
+        assert json.loads((folder / "run.json").read_text())["population"] == 2
+        execute(Job((run,)), tmp_path / "alone", Event())
+        alone, both = (
+            read_folder(root / run.name.folder, run.name) for root in (tmp_path / "alone", tmp_path / "both")
+        )
+        timed = {name for name in alone.tables["metrics"] if name.endswith("per_second")}
+        for name, column in alone.tables["metrics"].items():
+            assert name in timed or np.array_equal(column, both.tables["metrics"][name], equal_nan=True), name
+
+
+def test_of_a_population_one_of_which_diverges_the_others_are_done(tmp_path, monkeypatch):
+    runs = [Run(RunName("e", "v", seed), (*SMALL, "--seed", str(seed))) for seed in (0, 3)]
+
+    def command(*_: Any) -> None:
+        folder = tmp_path / runs[1].name.folder
+        (folder / "diverged.json").write_text("{}")
+        raise RledError("a loss is no number")
+
+    monkeypatch.setattr("rled_agent.experiments.execution._run", command)
+    with pytest.raises(RledError, match="no number"):
+        execute(Job(tuple(runs)), tmp_path, Event())
+    assert [is_done(tmp_path, run) for run in runs] == [True, False]
 
 
 def test_a_run_is_done_once_and_anew_when_its_command_has_changed(tmp_path, planar_bag):
     command = ("train_expert", "--bag", str(planar_bag), "--steps", "20", "--validate-every", "10", "--batch-size", "8")
     run = Run(RunName("e", "v", 0), command)
     assert not is_done(tmp_path, run)
-    folder = execute(run, tmp_path, Event())
+    folder = execute(Job((run,)), tmp_path, Event())[0]
     assert is_done(tmp_path, run)
     assert not is_done(tmp_path, Run(run.name, (*command, "--seed", "1")))
     archive = Archive(tmp_path / "kept")
@@ -198,7 +260,7 @@ def test_a_run_that_was_broken_off_goes_on_unless_its_command_has_changed(tmp_pa
 
     stop, metrics_file = Event(), tmp_path / "e" / "v" / "seed-0" / "metrics.csv"
     with ThreadPoolExecutor(1) as pool:
-        broken = pool.submit(execute, pendulum(100_000), tmp_path, stop)
+        broken = pool.submit(execute, Job((pendulum(100_000),)), tmp_path, stop)
         deadline = time.monotonic() + 60.0
         while len(rows()) < 2:
             assert time.monotonic() < deadline
@@ -210,7 +272,7 @@ def test_a_run_that_was_broken_off_goes_on_unless_its_command_has_changed(tmp_pa
     came_to = rows()
     with ThreadPoolExecutor(1) as pool:
         stop.clear()
-        broken = pool.submit(execute, pendulum(100_000), tmp_path, stop)
+        broken = pool.submit(execute, Job((pendulum(100_000),)), tmp_path, stop)
         while len(rows()) <= len(came_to):
             assert not broken.done()
             time.sleep(0.05)
@@ -219,7 +281,7 @@ def test_a_run_that_was_broken_off_goes_on_unless_its_command_has_changed(tmp_pa
         with pytest.raises(Stopped):
             broken.result()
     anew = pendulum(1000)
-    execute(anew, tmp_path, Event())
+    execute(Job((anew,)), tmp_path, Event())
     assert is_done(tmp_path, anew)
     assert json.loads((tmp_path / anew.name.folder / "run.json").read_text())["resumed"] is False
     assert float(rows()[-1][0]) == 1000.0
@@ -228,7 +290,7 @@ def test_a_run_that_was_broken_off_goes_on_unless_its_command_has_changed(tmp_pa
 def test_a_failed_run_says_why_and_is_not_done(tmp_path):
     run = Run(RunName("e", "v", 0), ("train_expert", "--bag", "nowhere"))
     with pytest.raises(RledError, match="nowhere"):
-        execute(run, tmp_path, Event())
+        execute(Job((run,)), tmp_path, Event())
     assert not is_done(tmp_path, run)
 
 

@@ -41,6 +41,7 @@ def make_batch(config: TrainConfig, start_joints: Joints | None, count: int, dev
         reward=config.reward,
         start_joints=start_joints,
         target_spread=config.target_spread,
+        faults=config.faults,
         device=None if device.type == "cpu" else str(device),
     )
     return ReachEnvironments(batch, device)
