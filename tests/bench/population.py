@@ -7,6 +7,7 @@ train_agent runs it, and two bounds: all matrix products of an update alone, and
 """
 
 import argparse
+import itertools
 import time
 from collections.abc import Callable
 from typing import NamedTuple
@@ -72,7 +73,7 @@ def _wait(device: str) -> None:
 
 def _sizes(inputs: int, outputs: int) -> list[tuple[int, int]]:
     widths = (inputs, *HIDDEN, outputs)
-    return list(zip(widths, widths[1:], strict=False))
+    return list(itertools.pairwise(widths))
 
 
 def _products(seeds: int, device: str) -> Callable[[], None]:
@@ -124,7 +125,7 @@ def _moved(seeds: int, device: str) -> Callable[[], None]:
         return sum((a + 1) * b for a, b in _sizes(inputs, outputs))
 
     changed = 2 * weights(OBSERVATION + ACTION, 1) + weights(OBSERVATION, ACTION) / 2.0
-    # Adam reads four numbers and writes three, the gradient is written, and half the time the target is read and written
+    # Adam reads four numbers and writes three, a gradient is written, every other update a target is read and written
     numbers = seeds * int(changed * (4 + 3 + 1 + 1.5) / 2.0)
     one, other = (torch.zeros(numbers, device=device) for _ in range(2))
     return lambda: other.copy_(one)
