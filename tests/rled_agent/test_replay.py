@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import torch
+from rled_agent.nn.draws import Draws
 from rled_agent.replay.mixture import Mixture, Part
 from rled_agent.replay.n_step import NStepReplay
 from rled_agent.replay.prioritised import PrioritisedReplay
@@ -11,65 +12,71 @@ from rled_agent.replay.uniform import MAX_BYTES, UniformReplay
 from rled_msgs_py.errors import RledError
 
 
-def uniform(capacity: int, seed: int = 0) -> UniformReplay:
-    return UniformReplay(2, 1, capacity, torch.Generator().manual_seed(seed))
+def uniform(capacity: int, *seeds: int) -> UniformReplay:
+    """A replay of each seed, of 0 where none is named."""
+    return UniformReplay(2, 1, capacity, Draws(seeds or (0,)))
 
 
-def numbered(k: int) -> Step:
-    """s = (k, k + 0.1), a = (k + 0.2), r = -k, γ = 0.5 or 0 where 3 divides k, s' = (k + 0.3, k + 0.4)."""
-    state, action, following = (np.array(each, dtype="f4") for each in ([k, k + 0.1], [k + 0.2], [k + 0.3, k + 0.4]))
-    return Step(state, action, -k, 0.5 * (k % 3 != 0), following, Source(k % 4))
+def numbered(*numbers: int) -> Step:
+    """One step a seed: s = (k, k + 0.1), a = (k + 0.2), r = -k, γ = 0.5 or 0 where 3 divides k, s' = (k + 0.3, k + 0.4)."""
+    k = torch.tensor(numbers, dtype=torch.float32)
+    state, action, following = (torch.stack([k + each for each in parts], 1) for parts in ((0, 0.1), (0.2,), (0.3, 0.4)))
+    return Step(state, action, -k, 0.5 * (k % 3 != 0), following, k % 4, torch.zeros_like(k, dtype=torch.bool))
 
 
 def filled(replay: UniformReplay, count: int) -> UniformReplay:
+    """The steps that the first seed takes are numbered from 0, those of the second from 1000, and so on."""
     for k in range(replay.added, replay.added + count):
-        replay.add(numbered(k))
+        replay.add(numbered(*(k + 1000 * seed for seed in range(len(replay.rows)))))
     return replay
 
 
-def numbers(replay: UniformReplay) -> list[int]:
-    return replay.rows[: len(replay), 0].astype(int).tolist()
+def numbers(replay: UniformReplay, seed: int = 0) -> list[int]:
+    return replay.rows[seed, : len(replay), 0].int().tolist()
 
 
 def test_the_oldest_transitions_are_overwritten():
-    replay = filled(uniform(4), 3)
-    assert (len(replay), numbers(replay)) == (3, [0, 1, 2])
+    replay = filled(uniform(4, 0, 1), 3)
+    assert (len(replay), numbers(replay), numbers(replay, 1)) == (3, [0, 1, 2], [1000, 1001, 1002])
     filled(replay, 3)
-    assert (len(replay), numbers(replay)) == (4, [4, 5, 2, 3])
+    assert (len(replay), numbers(replay), numbers(replay, 1)) == (4, [4, 5, 2, 3], [1004, 1005, 1002, 1003])
     assert replay.added == 6
 
 
 def test_a_batch_shows_the_parts_of_a_transition():
-    batch = filled(uniform(10), 10).sample(64)
-    k = batch.observation[:, :1].round()
-    assert k.shape == (64, 1)
-    torch.testing.assert_close(batch.observation, torch.cat([k, k + 0.1], dim=1))
+    batch = filled(uniform(10, 0, 1), 10).sample(64)
+    k = batch.observation[..., :1].round()
+    assert k.shape == (2, 64, 1)
+    assert ((k >= 1000.0) == torch.tensor([False, True]).view(2, 1, 1)).all()
+    torch.testing.assert_close(batch.observation, torch.cat([k, k + 0.1], dim=2))
     torch.testing.assert_close(batch.action, k + 0.2)
     torch.testing.assert_close(batch.reward, -k)
     torch.testing.assert_close(batch.discount, 0.5 * (k % 3 != 0))
-    torch.testing.assert_close(batch.next_observation, torch.cat([k + 0.3, k + 0.4], dim=1))
+    torch.testing.assert_close(batch.next_observation, torch.cat([k + 0.3, k + 0.4], dim=2))
     torch.testing.assert_close(batch.source, k % 4)
     torch.testing.assert_close(batch.demonstrated, (k % 4 >= 2).float())  # of a person, or from before
     assert (batch.weight == 1.0).all()
-    assert batch.indices.tolist() == k[:, 0].int().tolist()
+    assert batch.indices.tolist() == (k[..., 0].int() % 1000).tolist()
 
 
 def test_transitions_are_stored_as_they_are_in_order_and_the_last_of_too_many():
-    drawn = filled(uniform(10), 10).sample(7)
-    whole = torch.cat([*drawn[:6]], dim=1)
-    roomy, full, small = uniform(9), filled(uniform(9), 5), uniform(3)
+    drawn = filled(uniform(10, 0, 1), 10).sample(7)
+    whole = torch.cat([*drawn[:6]], dim=2)
+    assert torch.equal(drawn.rows(), whole)
+    roomy, full, small = uniform(9, 0, 1), filled(uniform(9, 0, 1), 5), uniform(3, 0, 1)
     for replay in (roomy, full, small):
         replay.extend(drawn)
-    assert np.array_equal(roomy.rows[:7], whole)
-    assert np.array_equal(full.rows[[5, 6, 7, 8, 0, 1, 2]], whole)
-    assert np.array_equal(small.rows, whole[-3:])
+    assert torch.equal(roomy.rows[:, :7], whole)
+    assert torch.equal(full.rows[:, [5, 6, 7, 8, 0, 1, 2]], whole)
+    assert torch.equal(small.rows, whole[:, -3:])
 
 
 def test_only_what_was_added_is_drawn_and_all_of_it_equally():
-    drawn = filled(uniform(1000), 20).sample(20_000).observation[:, 0].numpy().astype(int)
-    counts = np.bincount(drawn, minlength=20)
-    assert len(counts) == 20
-    assert np.square(counts - 1000).sum() / 1000 < 43.8  # chi-square, 19 degrees of freedom: once in 1000 seeds
+    drawn = filled(uniform(1000, 3, 4), 20).sample(20_000).observation[..., 0].int() - torch.tensor([[0], [1000]])
+    for each in drawn.tolist():
+        counts = np.bincount(each, minlength=20)
+        assert len(counts) == 20
+        assert np.square(counts - 1000).sum() / 1000 < 43.8  # chi-square, 19 degrees of freedom: once in 1000 seeds
 
 
 def test_a_batch_outlives_new_transitions():
@@ -80,19 +87,31 @@ def test_a_batch_outlives_new_transitions():
     assert torch.equal(batch.observation, before)
 
 
-def test_same_generator_state_draws_the_same_batch():
+def test_same_seed_draws_the_same_batch():
     one, same, other = (filled(uniform(100, seed), 100).sample(10) for seed in (5, 5, 6))
     assert all(torch.equal(left, right) for left, right in zip(one, same, strict=True))
     assert not torch.equal(one.observation, other.observation)
 
 
+def test_a_seed_draws_the_transitions_that_it_draws_alone():
+    together, seeds = filled(uniform(8, 5, 6, 7), 12), (5, 6, 7)
+    alone = [uniform(8, seed) for seed in seeds]
+    for k, replay in enumerate(alone):
+        for number in range(12):
+            replay.add(numbered(number + 1000 * k))
+    for size in (1, 7, 30):
+        batch = together.sample(size)
+        for k, replay in enumerate(alone):
+            for part, own in zip(batch, replay.sample(size), strict=True):
+                assert torch.equal(part[k : k + 1], own)
+
+
 @pytest.mark.parametrize("count", [3, 4, 9])
 def test_it_goes_on_from_its_state(count):
-    one, other = filled(uniform(4), count), filled(uniform(4), 2)
+    one, other = filled(uniform(4, 3, 8), count), filled(uniform(4, 3, 8), 2)
     other.load_state_dict(one.state_dict())
     for replay in (one, other):
         filled(replay, 3)
-        replay.generator.manual_seed(3)
     assert one.added == other.added == count + 3
     assert torch.equal(one.sample(20).observation, other.sample(20).observation)
 
@@ -100,15 +119,17 @@ def test_it_goes_on_from_its_state(count):
 @pytest.mark.parametrize(
     "state",
     [
-        {"rows": torch.zeros(3, 7), "added": 3},
-        {"rows": torch.zeros(3, 8, 1), "added": 3},
-        {"rows": torch.zeros(3, 8), "added": 4},
-        {"rows": torch.zeros(5, 8), "added": 5},
+        {"rows": torch.zeros(1, 3, 7), "added": 3},
+        {"rows": torch.zeros(3, 8), "added": 3},
+        {"rows": torch.zeros(1, 3, 8), "added": 4},
+        {"rows": torch.zeros(1, 5, 8), "added": 5},
+        {"rows": torch.zeros(2, 3, 8), "added": 3},
     ],
 )
 def test_a_state_of_other_sizes_or_of_another_count_is_refused_and_nothing_changed(state):
     replay = filled(uniform(4), 1)
-    with pytest.raises(RledError, match=rf"a replay of shape .* after {state['added']} steps; accepted: \(4, 8\)"):
+    held = rf"\(1, {min(state['added'], 4)}, 8\)"
+    with pytest.raises(RledError, match=rf"a replay of shape .* after {state['added']} steps; accepted: {held}"):
         replay.load_state_dict(state)
     assert numbers(replay) == [0]
 
@@ -116,15 +137,17 @@ def test_a_state_of_other_sizes_or_of_another_count_is_refused_and_nothing_chang
 def test_a_replay_is_refused_before_it_takes_memory():
     with pytest.raises(RledError, match=r"a replay of 1,000,000,000,000 transitions takes .* GiB; accepted: "):
         uniform(10**12)
+    with pytest.raises(RledError, match=r"a replay of 4,000,000,000,000 transitions takes"):
+        uniform(10**12, 0, 1, 2, 3)
     assert MAX_BYTES > 1 << 28
 
 
 def test_batches_are_joined_in_order():
-    one, other = filled(uniform(9), 9).sample(2), filled(uniform(9, seed=1), 5).sample(3)
+    one, other = filled(uniform(9, 0, 1), 9).sample(2), filled(uniform(9, 2, 3), 5).sample(3)
     joined = concatenated([one, other])
     assert isinstance(joined, Transitions)
     for part, left, right in zip(joined, one, other, strict=True):
-        assert torch.equal(part, torch.cat([left, right]))
+        assert torch.equal(part, torch.cat([left, right], dim=1))
 
 
 # Returns over n steps, worked out by hand with γ = 1/2.
