@@ -178,7 +178,6 @@ def test_too_many_weights_are_refused_whatever_the_population():
         make(hidden=(4500, 4500), ensemble=2)
 
 
-
 def test_output_of_known_weights_is_the_one_worked_out_by_hand():
     network = Perceptron(2, 1, Architecture(hidden=(2,)), Draws([0]))
     values = {"weights.0": [[1.0, -1.0], [2.0, 1.0]], "biases.0": [[0.5, -4.0]], "weights.1": [[3.0], [100.0]]}
