@@ -100,9 +100,8 @@ class Reference:
         config = self.config
         with torch.no_grad():
             a = self.act("target_actor", batch.next_observation, config.target_dropout)
-            if config.target_noise:
-                noise = config.target_noise * self.draws.normal(*a.shape)[0].to(a)
-                a = torch.clamp(a + torch.clamp(noise, -config.target_clip, config.target_clip), -1, 1)
+            noise = config.target_noise * self.draws.normal(*a.shape)[0].to(a)
+            a = torch.clamp(a + torch.clamp(noise, -config.target_clip, config.target_clip), -1, 1)
             x = torch.cat([batch.next_observation, a], dim=1)
             q = torch.stack([self.net("target_critic", x, member) for member in range(config.critics)])
             lesser, reward = q.min(dim=0).values, config.reward_scale * batch.reward
@@ -249,16 +248,15 @@ def test_a_seed_of_a_sweep_learns_what_it_learns_alone_bit_for_bit(names):
     for batch in batches(8, seeds=3):
         together.update(batch)
         for seed, learner in enumerate(alone):
-            learner.draws.taken = together.draws.taken if not configs[seed].target_noise else learner.draws.taken
             learner.update(of_seed(batch, seed))
     assert_parts(together, alone)
 
 
 def test_the_weights_of_cloning_may_be_swept():
-    cloning = [Cloning(weight) for weight in (0.3, 0.7)]
-    together = make(TD3, 0, 1, actor_loss=merged(cloning).loss())
+    cloning = [Cloning(weight) for weight in (0.3, 0.7, 0.0)]
+    together = make(TD3, 0, 1, 2, actor_loss=merged(cloning).loss())
     alone = [make(TD3, k, actor_loss=each.loss()) for k, each in enumerate(cloning)]
-    for batch in batches(8, 3, seeds=2):
+    for batch in batches(8, 3, seeds=3):
         together.update(batch)
         for seed, learner in enumerate(alone):
             learner.update(of_seed(batch, seed))

@@ -8,7 +8,7 @@ from rled_msgs_py.validation import Range
 from torch import Tensor
 
 from rled_agent.nn.perceptron import Perceptron
-from rled_agent.per_seed import PER_SEED
+from rled_agent.per_seed import PER_SEED, column
 from rled_agent.replay.transitions import Transitions
 
 
@@ -58,4 +58,7 @@ class Cloning:
             shown = critic(torch.cat((transitions.observation, transitions.action), dim=2))
             cloned = demonstrated * (shown > q)
         mean_error = (error * cloned).sum(dim=(1, 2)) / demonstrated.sum(dim=(1, 2)).clamp(min=1.0)
-        return improvement + self.weight * mean_error
+        loss: Tensor = improvement + column(self.weight, 1) * mean_error
+        if isinstance(self.weight, Tensor):  # one of them may be 0
+            loss = torch.where(self.weight > 0.0, loss, policy_gradient(action, q, transitions, critic))
+        return loss

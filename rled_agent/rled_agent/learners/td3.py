@@ -138,10 +138,9 @@ class TD3Learner:
         """Y = r + γ (1 − terminated) min_i Q'_i(s', ã) (Eq. 4.4), shape (P, b, 1)."""
         config, following = self.config, transitions.next_observation
         action = self.target_actor(following, self.draws if config.target_dropout else None)  # (P, b, n)
-        if isinstance(config.target_noise, Tensor) or config.target_noise:
-            noise = self.draws.normal(*action.shape[1:]).to(action) * column(config.target_noise, 3)
-            clip = column(config.target_clip, 3)
-            action = (action + noise.clamp(-clip, clip)).clamp_(-1.0, 1.0)
+        noise = self.draws.normal(*action.shape[1:]).to(action) * column(config.target_noise, 3)
+        clip = column(config.target_clip, 3)
+        action = (action + noise.clamp(-clip, clip)).clamp_(-1.0, 1.0)
         q = self.value(following, action)
         if self._proposal is not None:
             q = torch.maximum(q, self.value(following, self._proposal(following)))
