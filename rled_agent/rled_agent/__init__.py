@@ -10,13 +10,8 @@ Example:
     >>> evaluate(agent, demonstrations)["targets_reached"]
 """
 
-import os
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
-
-# MKL, which reads it before its first product: what a matrix by a matrix gives does not depend on where they lie in
-# memory, so that a seed has the same bits alone and among others
-os.environ.setdefault("MKL_CBWR", "AUTO")
 
 if TYPE_CHECKING:
     from rled_agent.api import clone, evaluate, train

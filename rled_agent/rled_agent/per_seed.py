@@ -18,12 +18,9 @@ class PerSeed:
 PER_SEED = PerSeed()
 
 
-def column(value: float, dimensions: int) -> Any:
-    """A number as it is, or one for each seed, shape (P,), with as many dimensions as what it is combined with.
-
-    It is rounded to float32, as PyTorch rounds a number that it combines with a tensor of that kind.
-    """
-    return value.view(-1, *[1] * (dimensions - 1)).float() if isinstance(value, Tensor) else value
+def column(value: float, like: Tensor) -> Any:
+    """A number as it is, or one for each seed, shape (P,), with the dimensions and the kind of what it goes with."""
+    return value.to(like.dtype).view(-1, *[1] * (like.ndim - 1)) if isinstance(value, Tensor) else value
 
 
 def of_seed(value: float, seed: int) -> float:
@@ -63,7 +60,7 @@ def changed(settings: T, name: str, value: float) -> T:
 
 
 def merged(settings: Sequence[T], device: torch.device | str = "cpu") -> T:
-    """Settings of several seeds as one, in which a number that differs is a tensor of float64 of shape (P,).
+    """Settings of several seeds as one, in which a number that differs is a tensor of float64, shape (P,).
 
     Raises:
         ContractError: something else differs.

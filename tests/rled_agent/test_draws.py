@@ -166,6 +166,15 @@ def test_going_back_draws_the_same_again_and_going_on_skips(kind, draw):
     assert fresh.taken == after
 
 
+@pytest.mark.parametrize("shape", [(), (1,), (3, 5), (700, 7)])
+def test_what_is_skipped_would_have_been_drawn(shape):
+    one, other = Draws([0, 1]), Draws([0, 1])
+    one.normal(*shape)
+    other.skip(*shape)
+    assert one.taken == other.taken
+    assert torch.equal(one.uniform(9), other.uniform(9))
+
+
 @every_kind
 def test_numbers_drawn_outlive_the_next_draw(draw):
     draws = Draws([0, 1])

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from rled_agent.nn.architecture import Architecture
 from rled_agent.nn.draws import Draws
 from rled_agent.nn.perceptron import Perceptron, joined, parameter_shapes
-from rled_agent.nn.scaling import scaling_of_bounds, scaling_of_points, scaling_of_samples
+from rled_agent.nn.scaling import Affine, Scaling, scaling_of_bounds, scaling_of_points, scaling_of_samples
 from rled_msgs_py.errors import RledError
 from rled_sim.robots import ROBOTS
 from rled_sim.tasks import reach_task
@@ -330,3 +330,32 @@ def test_positions_are_measured_from_the_demonstrated_mean():
     scaling = scaling_of_points(reach_task(ROBOTS["planar"]).description, positions, np.zeros((3, 2)))
     normal = scaling.normalize_observation(np.array([0.5, 0.25, 0.75, -0.25]))
     np.testing.assert_allclose(normal, [0.0, 1.0, 1.0, -1.0], atol=1e-6)
+
+
+def some_scaling(seed: int) -> Scaling:
+    drawing = np.random.default_rng(seed)
+    return Scaling(*(drawing.uniform(0.5, 2.0, size) for size in (3, 3, 2, 2)))
+
+
+def test_normalised_numbers_go_from_one_scaling_into_another_as_by_way_of_their_units():
+    """Each seed by maps of its own, of one row or of many."""
+    one, others = some_scaling(0), [some_scaling(k) for k in (1, 2)]
+    rows = numbers(2, ROWS, 3)
+    into = Affine([one.observation_into(each) for each in others])
+    expected = np.stack([
+        other.normalize_observation(one.denormalize_observation(each.numpy())) for other, each in zip(others, rows, strict=True)
+    ])  # fmt: skip
+    np.testing.assert_allclose(into(rows), expected, atol=1e-6)
+    assert torch.equal(into(rows[:, 2]), into(rows)[:, 2])
+    back = Affine([each.action_into(one) for each in others])
+    action = one.normalize_action(others[1].denormalize_action(rows[1, :, :2].numpy()))
+    np.testing.assert_allclose(back(rows[..., :2])[1], action, atol=1e-6)
+
+
+def test_a_scaling_into_itself_changes_nothing_and_a_seed_is_mapped_as_alone():
+    one, rows = some_scaling(0), numbers(3, ROWS, 3)
+    assert Affine([one.observation_into(one)] * 3)(rows) is rows
+    maps = [one.observation_into(some_scaling(k)) for k in range(3)]  # the first leaves it as it is
+    together = Affine(maps)(rows)
+    for k, each in enumerate(maps):
+        assert torch.equal(together[k : k + 1], Affine([each])(rows[k : k + 1]))

@@ -1,62 +1,20 @@
 """TD3 and DDPG: the update against a second writing of it, and targets worked out by hand."""
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 import pytest
 import torch
-from rled_agent.learners.actor_losses import Cloning
 from rled_agent.learners.td3 import BatchPolicy, TD3Config, TD3Learner
 from rled_agent.nn.architecture import Architecture
 from rled_agent.nn.draws import Draws
 from rled_agent.nn.perceptron import Perceptron
-from rled_agent.per_seed import merged
-from rled_agent.replay.transitions import Source, Transitions
+from rled_agent.replay.transitions import Transitions
 from rled_msgs_py.errors import RledError
 from torch import Tensor
 from torch.nn import functional
 
-SMALL = Architecture(hidden=(6, 5))
-TD3 = TD3Config(gamma=0.9, actor_rate=3e-3, critic_rate=2e-3, tau=0.05, actor=SMALL, critic=SMALL)
-DDPG = replace(TD3, critics=1, delay=1, target_noise=0.0)
-OBSERVATION, ACTION, ROWS = 4, 2, 8
-
-
-def make(config: TD3Config, *seeds: int, **options) -> TD3Learner:
-    """Of each seed, of 0 where none is named."""
-    return TD3Learner(OBSERVATION, ACTION, config, Draws(seeds or (0,)), **options)
-
-
-def transitions(observation, action, reward, discount, following, source=Source.AGENT) -> Transitions:
-    """A batch of rows, each of weight 1; every part (P, b, ...)."""
-    ones = torch.ones_like(reward)
-    sources, indices = ones * float(source), torch.zeros(reward.shape[:2]).long()
-    return Transitions(observation, action, reward, discount, following, sources, ones, indices)
-
-
-def batches(
-    count: int, demonstrated: int = 0, gamma: float = 0.9, seeds: int = 1, rows: int = ROWS
-) -> list[Transitions]:
-    """Random transitions, a third of them final, the last so many of each batch demonstrated."""
-    drawing, found = torch.Generator().manual_seed(11), []
-    for _ in range(count):
-        s, a, r, d, following = (
-            torch.randn(seeds, rows, width, generator=drawing) for width in (OBSERVATION, ACTION, 1, 1, OBSERVATION)
-        )
-        each = transitions(s, a.tanh(), r, gamma * (d < 0.5), following)
-        each.source[:, rows - demonstrated :] = Source.DEMONSTRATION
-        found.append(each)
-    return found
-
-
-class Case(NamedTuple):
-    """What is compared."""
-
-    config: TD3Config
-    cloning: Cloning = Cloning(0.0)
-    demonstrated: int = 0
-    weighted: bool = False
+from .td3_cases import CASES, ROWS, SMALL, TD3, Case, batches, make, transitions
 
 
 class Reference:
@@ -151,23 +109,6 @@ class Reference:
                     target.copy_(tau * self.weights[name][key] + (1 - tau) * target)
 
 
-DROPPING = replace(SMALL, dropout=0.3)
-CASES = {
-    "ddpg": Case(DDPG),
-    "td3": Case(TD3),
-    "scaled rewards": Case(replace(TD3, reward_scale=0.125)),
-    "decaying rates": Case(replace(TD3, delay=3, rate_decay=4.0)),
-    "ddpg, decaying rates": Case(replace(DDPG, rate_decay=4.0)),
-    "actor dropout": Case(replace(TD3, actor=DROPPING)),
-    "target dropout": Case(replace(TD3, actor=DROPPING, target_dropout=True)),
-    "weighted": Case(TD3, weighted=True),
-    "cloning, filtered": Case(TD3, Cloning(0.7), 3),
-    "cloning": Case(TD3, Cloning(0.7, q_filter=False), 3),
-    "cloning, nothing demonstrated": Case(TD3, Cloning(0.7), 0),
-    "ddpg, cloning every row": Case(DDPG, Cloning(2.0), ROWS),
-}
-
-
 @pytest.mark.usefixtures("double")
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES)
 def test_updates_equal_those_of_the_second_writing(case):
@@ -184,83 +125,6 @@ def test_updates_equal_those_of_the_second_writing(case):
             expected = reference.weights[name][key].detach()
             torch.testing.assert_close(parameter, expected, rtol=1e-9, atol=1e-11, msg=f"{name}.{key}")
     assert learner.draws.taken == reference.draws.taken
-
-
-ALONE = CASES | {
-    "gates of the paper": Case(
-        replace(TD3, actor=Architecture((33, 17), dropout=0.1), critic=Architecture((33, 17), layer_norm=True))
-    ),
-    "glorot, leaky": Case(
-        replace(TD3, critics=3, actor=Architecture((9,), "leaky_relu", weights="glorot"), critic=Architecture((7,)))
-    ),
-}
-
-
-def of_seed(batch: Transitions, seed: int) -> Transitions:
-    return Transitions(*(each[seed : seed + 1] for each in batch))
-
-
-@pytest.mark.parametrize("rows", [ROWS, 9])
-@pytest.mark.parametrize("population", [2, 5])
-@pytest.mark.parametrize("case", ALONE.values(), ids=ALONE)
-def test_a_seed_learns_what_it_learns_alone_bit_for_bit(case, population, rows):
-    options = {"actor_loss": case.cloning.loss()}
-    together, alone = make(case.config, *range(population), **options), [
-        make(case.config, seed, **options) for seed in range(population)
-    ]  # fmt: skip
-    for batch in batches(8, case.demonstrated, seeds=population, rows=rows):
-        if case.weighted:
-            batch = batch._replace(weight=batch.reward.abs())
-        update = together.update(batch)
-        for seed, learner in enumerate(alone):
-            own = learner.update(of_seed(batch, seed))
-            assert torch.equal(update.td_error[seed : seed + 1], own.td_error)
-            for name, each in own.metrics.items():
-                assert torch.equal(update.metrics[name][seed : seed + 1], each)
-    assert_parts(together, alone)
-
-
-def assert_parts(together: TD3Learner, alone: list[TD3Learner]) -> None:
-    """The state of a population is that of its seeds, one after the other."""
-    whole, parts = together.state_dict(), [learner.state_dict() for learner in alone]
-    for name, each in whole.items():
-        if isinstance(each, Tensor):
-            assert torch.equal(each, torch.cat([part[name] for part in parts])), name
-        else:
-            assert {part[name] for part in parts} == {each}
-
-
-SWEPT = {
-    "actor_rate": (1e-3, 3e-3, 3e-3),
-    "critic_rate": (1e-3, 2e-3, 1e-3),
-    "rate_decay": (0.0, 4.0, 30.0),
-    "tau": (0.005, 0.1, 0.7),
-    "target_noise": (0.0, 0.2, 0.3),
-    "target_clip": (0.5, 0.1, 0.3),
-    "reward_scale": (1.0, 0.1, 0.3),
-}
-
-
-@pytest.mark.parametrize("names", [*((name,) for name in SWEPT), tuple(SWEPT)], ids="-".join)
-def test_a_seed_of_a_sweep_learns_what_it_learns_alone_bit_for_bit(names):
-    configs = [replace(TD3, **{name: SWEPT[name][k] for name in names}) for k in range(3)]
-    together, alone = make(merged(configs), 0, 1, 2), [make(config, k) for k, config in enumerate(configs)]
-    for batch in batches(8, seeds=3):
-        together.update(batch)
-        for seed, learner in enumerate(alone):
-            learner.update(of_seed(batch, seed))
-    assert_parts(together, alone)
-
-
-def test_the_weights_of_cloning_may_be_swept():
-    cloning = [Cloning(weight) for weight in (0.3, 0.7, 0.0)]
-    together = make(TD3, 0, 1, 2, actor_loss=merged(cloning).loss())
-    alone = [make(TD3, k, actor_loss=each.loss()) for k, each in enumerate(cloning)]
-    for batch in batches(8, 3, seeds=3):
-        together.update(batch)
-        for seed, learner in enumerate(alone):
-            learner.update(of_seed(batch, seed))
-    assert_parts(together, alone)
 
 
 def linear(critics: int = 2, proposal: BatchPolicy | None = None, **settings: object) -> TD3Learner:
@@ -353,7 +217,9 @@ def test_smoothed_actions_stay_within_their_bounds():
 def test_smoothing_noise_has_its_deviation():
     learner = linear(gamma=1.0, target_noise=0.1, target_clip=10.0)
     set_target(learner, (0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 1.0, 0.0))
-    noise = torch.tensor([y(learner, 5.0, False, 0.0) - 5.0 for _ in range(2000)])
+    nothing = torch.zeros(1, 2000, 1)
+    update = learner.update(transitions(nothing, nothing, nothing + 5.0, nothing + 1.0, nothing))
+    noise = -update.td_error - 5.0
     assert abs(float(noise.mean())) < 0.01
     assert float(noise.std()) == pytest.approx(0.1, rel=0.1)
 

@@ -34,8 +34,8 @@ class PolicyReuse(Strategy):
 
     def begin(self, where: Tensor) -> None:
         """Draw ξ (Eq. 4.11)."""
-        drawn = self.draws.uniform() < column(self.phi, 1)
-        self.expert_episode = torch.where(where, drawn, self.expert_episode)
+        xi = self.draws.uniform()
+        self.expert_episode = torch.where(where, xi < column(self.phi, xi), self.expert_episode)
         self.strategy.begin(where)
 
     def act(self, observation: Tensor) -> Choice:
