@@ -342,10 +342,9 @@ def test_normalised_numbers_go_from_one_scaling_into_another_as_by_way_of_their_
     one, others = some_scaling(0), [some_scaling(k) for k in (1, 2)]
     rows = numbers(2, ROWS, 3)
     into = Affine([one.observation_into(each) for each in others])
-    expected = np.stack([
-        other.normalize_observation(one.denormalize_observation(each.numpy())) for other, each in zip(others, rows, strict=True)
-    ])  # fmt: skip
-    np.testing.assert_allclose(into(rows), expected, atol=1e-6)
+    physical = [one.denormalize_observation(each.numpy()) for each in rows]
+    expected = [other.normalize_observation(each) for other, each in zip(others, physical, strict=True)]
+    np.testing.assert_allclose(into(rows), np.stack(expected), atol=1e-6)
     assert torch.equal(into(rows[:, 2]), into(rows)[:, 2])
     back = Affine([each.action_into(one) for each in others])
     action = one.normalize_action(others[1].denormalize_action(rows[1, :, :2].numpy()))

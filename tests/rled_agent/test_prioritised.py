@@ -122,6 +122,22 @@ def test_transitions_without_error_are_drawn_while_there_is_no_other():
     assert shares(replay).tolist() == [0.0, 0.0, 1.0, 0.0]
 
 
+def test_priorities_and_weights_have_the_same_bits_wherever_they_lie():
+    """Of 13 transitions of 5 seeds none but a few are whole vectors of a processor; alone, others than together."""
+    seeds, drawing = (3, 4, 5, 6, 7), torch.Generator().manual_seed(0)
+    together = with_states(prioritised(13, seeds, 0.6, 0.4, 1e-3), 13)
+    alone = [with_states(prioritised(13, (seed,), 0.6, 0.4, 1e-3), 13) for seed in seeds]
+    places = torch.arange(13).expand(5, -1)
+    for _ in range(40):
+        errors = torch.randn(5, 13, generator=drawing)
+        together.update_priorities(places, errors)
+        weights = together.sample(13).weight
+        for k, replay in enumerate(alone):
+            replay.update_priorities(places[k : k + 1], errors[k : k + 1])
+            assert torch.equal(together._sums[k], replay._sums[0])
+            assert torch.equal(weights[k], replay.sample(13).weight[0])
+
+
 @pytest.mark.parametrize(("alpha", "beta"), [(0.6, 0.4), (0.7, 1.0), (0.0, 0.5)])
 @pytest.mark.parametrize("size", [1, 7, 50])
 def test_a_seed_draws_and_weighs_as_it_does_alone_bit_for_bit(alpha, beta, size):
