@@ -12,7 +12,9 @@ import pytest
 import torch
 from rled_agent.learners.td3 import TD3Config, TD3Learner
 from rled_agent.nn.architecture import Architecture
+from rled_agent.nn.draws import Draws
 from rled_agent.nn.perceptron import Perceptron
+from rled_agent.replay.transitions import Transitions
 from rled_agent.replay.uniform import UniformReplay
 from rled_agent.uncertainty.uncertainty import MonteCarloDropout
 from torch import nn
@@ -53,16 +55,16 @@ def ratio(seen, over, under):
 
 
 def filled(replay):
-    replay.rows[:10_000] = np.random.default_rng(0).normal(size=(10_000, replay.rows.shape[1]))
-    replay.rows[:10_000, OBSERVATION + ACTION + 1] = 0.99
+    replay.rows.normal_(generator=torch.Generator().manual_seed(0))
+    replay.rows[..., OBSERVATION + ACTION + 1] = 0.99
     replay.added = 10_000
     return replay
 
 
 def ours():
-    generator = torch.Generator().manual_seed(0)
-    learner = TD3Learner(OBSERVATION, ACTION, TD3Config(), generator)
-    replay = filled(UniformReplay(OBSERVATION, ACTION, 10_000, generator))
+    draws = Draws([0])
+    learner = TD3Learner(OBSERVATION, ACTION, TD3Config(), draws)
+    replay = filled(UniformReplay(OBSERVATION, ACTION, 10_000, draws))
     return lambda: learner.update(replay.sample(BATCH))
 
 
@@ -80,11 +82,11 @@ def eager():
     target_actor, target_critics = copy.deepcopy(actor), copy.deepcopy(critics)
     adam = partial(torch.optim.Adam, fused=True)  # as the learner has it
     actor_adam, critic_adam = adam(actor.parameters()), adam(critics.parameters())
-    replay, count = filled(UniformReplay(OBSERVATION, ACTION, 10_000, torch.Generator().manual_seed(0))), 0
+    replay, count = filled(UniformReplay(OBSERVATION, ACTION, 10_000, Draws([0]))), 0
 
     def update():
         nonlocal count
-        batch = replay.sample(BATCH)
+        batch = Transitions(*(each[0] for each in replay.sample(BATCH)))
         with torch.no_grad():
             noise = (torch.randn_like(batch.action) * 0.2).clamp(-0.5, 0.5)
             action = (target_actor(batch.next_observation) + noise).clamp(-1, 1)
@@ -187,10 +189,10 @@ def test_the_learner_outpaces_stable_baselines_and_nears_the_matrix_products(fig
 
 
 def test_the_gate_costs_little_more_than_one_forward_pass(figure):
-    generator = torch.Generator().manual_seed(0)
-    actor = Perceptron(OBSERVATION, ACTION, Architecture(HIDDEN, dropout=0.1), generator, squash=True)
-    gate = MonteCarloDropout(actor, 30, np.random.default_rng(0))
-    rows, row = torch.randn(30, OBSERVATION), np.zeros(OBSERVATION, dtype=np.float32)
+    draws = Draws([0])
+    actor = Perceptron(OBSERVATION, ACTION, Architecture(HIDDEN, dropout=0.1), draws, squash=True)
+    gate = MonteCarloDropout(actor, 30, draws)
+    rows, row = torch.randn(30, OBSERVATION), torch.zeros(1, OBSERVATION)
     forward = torch.inference_mode()(lambda: actor(rows))
     seen = rates({"forward": forward, "gate": lambda: gate(row)}, steps=1_000)
     figure("gate_vs_forward", ratio(seen, "forward", "gate"))

@@ -11,8 +11,10 @@ from rled_agent.data.recorded import Answers, RecordedTrajectories
 from rled_agent.learners.actor_losses import Cloning, policy_gradient
 from rled_agent.learners.cloning import CloningConfig, CurvePoint, clone_expert
 from rled_agent.nn.architecture import Architecture
-from rled_agent.nn.perceptron import Perceptron
+from rled_agent.nn.draws import Draws
+from rled_agent.nn.perceptron import Perceptron, joined
 from rled_agent.nn.policy import load_policy
+from rled_agent.per_seed import merged
 from rled_agent.replay.transitions import Source, Transitions
 from rled_msgs_py.errors import RledError
 
@@ -45,7 +47,7 @@ def test_the_validation_loss_falls(planar_bag, source):
 
 def test_the_learning_rate_falls_to_zero_along_a_cosine(zeta, monkeypatch):
     rates: list[float] = []
-    monkeypatch.setattr("rled_agent.nn.adam.Adam.step", lambda self, loss, rate: rates.append(rate))
+    monkeypatch.setattr("rled_agent.nn.adam.Adam.step", lambda self, loss, each: rates.extend(each))
     clone(zeta, config=CloningConfig(SMALL, learning_rate=0.01, steps=4, batch_size=8))
     assert rates == pytest.approx([0.01, 0.01 * (0.5 + 0.5**1.5), 0.005, 0.01 * (0.5 - 0.5**1.5)])
 
@@ -116,23 +118,23 @@ def test_weights_are_drawn_from_the_generator_alone(zeta):
 # Losses of an actor, worked out by hand on three transitions.
 
 
-ACTION = torch.tensor([[0.5, 0.0], [0.0, 0.25], [1.0, 1.0]])
+ACTION = torch.tensor([[[0.5, 0.0], [0.0, 0.25], [1.0, 1.0]]])
 """Of the actor."""
-Q = torch.tensor([[2.0], [-1.0], [3.0]])
+Q = torch.tensor([[[2.0], [-1.0], [3.0]]])
 """Their values: their mean is 4/3, their mean size 2."""
-SHOWN = torch.tensor([[0.5, 1.0], [0.5, 0.25], [0.0, 1.0]])
+SHOWN = torch.tensor([[[0.5, 1.0], [0.5, 0.25], [0.0, 1.0]]])
 """Squared distances from the actor's: 1, 1/4 and 1."""
 
 
 def transitions(*sources: Source) -> Transitions:
-    columns = torch.tensor([[float(source)] for source in sources])
-    nothing = torch.zeros(3, 1)
-    return Transitions(nothing, SHOWN, nothing, nothing, nothing, columns, nothing, torch.zeros(3).long())
+    column = torch.tensor([[[float(source)] for source in sources]])
+    nothing = torch.zeros(1, 3, 1)
+    return Transitions(nothing, SHOWN, nothing, nothing, nothing, column, nothing, torch.zeros(1, 3).long())
 
 
 def critic() -> Perceptron:
     """Q(s, a) = 2 a₁: 1, 1 and 0 for what was shown, so more than the actor's in the second transition alone."""
-    network = Perceptron(3, 1, Architecture(hidden=()), torch.Generator())
+    network = Perceptron(3, 1, Architecture(hidden=()), Draws([0]))
     network.load_vector(torch.tensor([0.0, 2.0, 0.0, 0.0]).numpy())
     return network
 
@@ -172,7 +174,7 @@ def test_the_filter_leaves_out_what_the_critic_holds_for_no_better(sources, clon
 
 
 def test_values_of_zero_are_not_divided_by():
-    assert loss(Cloning(2.0, q_filter=False), A, A, A, q=torch.zeros(3, 1)) == 0.0
+    assert loss(Cloning(2.0, q_filter=False), A, A, A, q=torch.zeros(1, 3, 1)) == 0.0
 
 
 def test_the_size_of_values_does_not_change_what_cloning_weighs():
@@ -180,7 +182,37 @@ def test_the_size_of_values_does_not_change_what_cloning_weighs():
     gradients = []
     for factor in (1.0, 2.0):
         action = ACTION.clone().requires_grad_()
-        q = factor * action.sum(dim=1, keepdim=True)
+        q = factor * action.sum(dim=2, keepdim=True)
         value = Cloning(0.5, q_filter=False).loss()(action, q, transitions(D, A, H), critic())
         gradients.append(torch.autograd.grad(value, action)[0])
     torch.testing.assert_close(*gradients)
+
+
+SEEDS = ((A, A, A), (D, A, A), (A, H, A), (D, D, H))
+"""What the transitions of four seeds are."""
+
+
+@pytest.mark.parametrize("settings", [Cloning(0.5), Cloning(0.5, q_filter=False), Cloning(0.0)], ids=str)
+def test_each_seed_has_the_loss_and_the_gradient_that_it_has_alone(settings):
+    factors = torch.tensor([1.0, 2.0, 0.5, 0.0]).view(4, 1, 1)
+    parts = [transitions(*sources) for sources in SEEDS]
+    batch = Transitions(*(torch.cat(columns) for columns in zip(*parts, strict=True)))
+    action, q = (ACTION * factors).requires_grad_(), (Q * factors).requires_grad_()
+    together = settings.loss()(action, q, batch, joined([critic() for _ in SEEDS]))
+    assert together.shape == (4,)
+    found = torch.autograd.grad(together.sum(), (action, q), allow_unused=True)
+    for k, part in enumerate(parts):
+        own_action, own_q = (each.detach()[k : k + 1].requires_grad_() for each in (action, q))
+        alone = settings.loss()(own_action, own_q, part, critic())
+        assert torch.equal(together[k : k + 1], alone)
+        own = torch.autograd.grad(alone.sum(), (own_action, own_q), allow_unused=True)
+        for whole, each in zip(found, own, strict=True):
+            assert (whole is None and each is None) or torch.equal(whole[k : k + 1], each)
+
+
+def test_weights_may_differ_between_seeds_and_be_0_for_some():
+    batch = Transitions(*(torch.cat([each] * 3) for each in transitions(D, H, A)))
+    settings = merged([Cloning(weight, q_filter=False) for weight in (0.5, 0.0, 2.0)])
+    found = settings.loss()(ACTION.expand(3, -1, -1), Q.expand(3, -1, -1), batch, joined([critic() for _ in range(3)]))
+    cloned = (1.0 + 0.25) / 2
+    assert found.tolist() == pytest.approx([-(4 / 3) / 2 + 0.5 * cloned, -4 / 3, -(4 / 3) / 2 + 2.0 * cloned])

@@ -1,5 +1,6 @@
 """Demonstrated transitions are paid for by the task, as an environment would pay for them."""
 
+import json
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
@@ -8,8 +9,9 @@ from pathlib import Path
 import gymnasium
 import numpy as np
 import pytest
+import torch
 from rled_agent.data.closed_form import JoinedPoints
-from rled_agent.data.demonstration_buffer import DemonstrationBuffer
+from rled_agent.data.demonstration_buffer import BLOCK, DemonstrationBuffer
 from rled_agent.data.demonstrations import DemonstrationPoints, Demonstrations
 from rled_agent.data.recorded import RecordedTrajectories, recorded_trajectories
 from rled_agent.nn.scaling import Scaling
@@ -33,9 +35,10 @@ GAMMA = 0.5
 def drawn(
     demonstrations: Demonstrations, size: int, seed: int = 0, scaling: Scaling = AS_IT_IS, **changes: object
 ) -> Transitions:
-    """A batch; the changes are of the task."""
-    task, generator = replace(demonstrations.task, **changes), np.random.default_rng(seed)
-    return DemonstrationBuffer(demonstrations, task, scaling, GAMMA, generator).sample(size)
+    """A batch of one seed, without its dimension; the changes are of the task."""
+    task = replace(demonstrations.task, **changes)
+    batch = DemonstrationBuffer(demonstrations, task, scaling, GAMMA, [seed]).sample(size)
+    return Transitions(*(each[0] for each in batch))
 
 
 def rows_of(zeta: Demonstrations, size: int, seed: int = 0, **changes: object) -> np.ndarray:
@@ -108,6 +111,63 @@ def test_transitions_are_in_the_units_of_the_scaling_and_say_where_they_come_fro
 def test_same_seed_draws_the_same_rows(three_points):
     np.testing.assert_array_equal(rows_of(three_points, 50, seed=1), rows_of(three_points, 50, seed=1))
     assert not np.array_equal(rows_of(three_points, 50, seed=1), rows_of(three_points, 50, seed=2))
+
+
+def buffer(demonstrations: Demonstrations, *seeds: int, gamma: object = GAMMA) -> DemonstrationBuffer:
+    return DemonstrationBuffer(demonstrations, demonstrations.task, AS_IT_IS, gamma, seeds)
+
+
+def test_a_seed_draws_the_transitions_that_it_draws_alone(three_points):
+    together, alone = buffer(three_points, 4, 5, 6), [buffer(three_points, seed) for seed in (4, 5, 6)]
+    for size in (1000, 7, 7, 3000, 3000, BLOCK + 1, 1):
+        batch, own = together.sample(size), [each.sample(size) for each in alone]
+        assert batch.observation.shape == (3, size, 4)
+        for whole, *parts in zip(batch, *own, strict=True):
+            assert torch.equal(whole, torch.cat(parts))
+
+
+def test_discounts_are_those_of_each_seed(three_points):
+    gamma = torch.tensor([0.9, 0.99], dtype=torch.float64)
+    together, alone = buffer(three_points, 4, 5, gamma=gamma), [
+        buffer(three_points, seed, gamma=each) for seed, each in ((4, 0.9), (5, 0.99))
+    ]  # fmt: skip
+    batch, own = together.sample(200), [each.sample(200) for each in alone]
+    assert torch.equal(batch.discount, torch.cat([each.discount for each in own]))
+    assert [set(each.view(-1).tolist()) for each in batch.discount] == [
+        {0.0, float(np.float32(0.9))}, {0.0, float(np.float32(0.99))}
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("size", [7, 100, BLOCK, BLOCK + 1])
+def test_batches_are_what_a_block_holds_in_order_and_none_comes_twice(zeta, size):
+    """So many batches are drawn at once; the next block follows, of other transitions."""
+    one, whole = buffer(zeta, 0), buffer(zeta, 0)
+    count = max(BLOCK // size, 1)
+    rows = [torch.cat([one.sample(size).rows() for _ in range(count)], dim=1) for _ in range(2)]
+    whole._draw(size)
+    assert torch.equal(rows[0], whole._rows)
+    assert not torch.equal(*rows)
+
+
+@pytest.mark.parametrize("before", [[], [7], [7] * 600, [50, 50, 7, 7], [BLOCK - 1, 2, 5000]])
+def test_it_goes_on_from_its_place(three_points, before):
+    one, other = buffer(three_points, 4, 5), buffer(three_points, 4, 5)
+    for size in before:
+        one.sample(size)
+    other.sample(33)
+    other.load_state_dict(json.loads(json.dumps(one.state_dict())))
+    for size in (7, 7, 100, 4000, 4000, 7):
+        left, right = one.sample(size), other.sample(size)
+        assert all(torch.equal(mine, theirs) for mine, theirs in zip(left, right, strict=True))
+    assert one.state_dict() == other.state_dict()
+
+
+@pytest.mark.parametrize("change", [{"block": -1}, {"size": 1.5}, {"used": None}, {"size": 10**9}, {"block": "1"}])
+def test_what_is_no_place_in_the_draws_is_refused(three_points, change):
+    there = buffer(three_points, 4)
+    there.sample(5)
+    with pytest.raises(RledError, match=r"demonstrations at .*; accepted: a place in their draws"):
+        there.load_state_dict(there.state_dict() | change)
 
 
 def test_points_within_one_targets_tolerance_are_refused(task):

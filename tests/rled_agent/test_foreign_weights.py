@@ -12,6 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from rled_agent.methods import all_methods
 from rled_agent.nn.architecture import Architecture
+from rled_agent.nn.draws import Draws
 from rled_agent.nn.perceptron import Perceptron
 from rled_agent.nn.policy import load_policy
 from rled_agent.nn.tensor_file import TensorFileError
@@ -172,7 +173,7 @@ def test_what_is_no_file_is_refused(tmp_path):
 
 @pytest.mark.parametrize("state", [[], 3, None, "state", {"added": {}}])
 def test_a_state_of_another_kind_is_refused(path, state):
-    save_file({"a": torch.zeros(1)}, path, {"format": "rled-checkpoint", "version": "4", "state": json.dumps(state)})
+    save_file({"a": torch.zeros(1)}, path, {"format": "rled-checkpoint", "version": "5", "state": json.dumps(state)})
     if isinstance(state, dict):
         assert read_checkpoint(path).state == state
     else:
@@ -188,7 +189,7 @@ def test_a_checkpoint_with_a_number_that_is_not_finite_is_refused(path):
 
 def test_a_network_is_refused_before_it_takes_memory():
     with pytest.raises(RledError, match=r"networks of 4 x 100000 x 100000 x 2 units; accepted: 33,554,432 weights"):
-        Perceptron(4, 2, Architecture(hidden=(100_000, 100_000)), torch.Generator())
+        Perceptron(4, 2, Architecture(hidden=(100_000, 100_000)), Draws([0]))
 
 
 GATE = {"measure": "qcd", "threshold": 0.1, "passes": 30, "estimator": "dropout"}

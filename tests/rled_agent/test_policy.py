@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 from rled_agent.nn.architecture import Architecture
+from rled_agent.nn.draws import Draws
 from rled_agent.nn.perceptron import Perceptron
 from rled_agent.nn.policy import GateSettings, Origin, Policy, Shape, load_policy
 from rled_agent.nn.tensor_file import TensorFileError
@@ -51,18 +52,18 @@ def test_a_policy_comes_back_bit_for_bit(path, make_policy, settings):
 
 
 def test_members_critic_and_origin_come_back(path, make_policy):
-    one, drawing = make_policy(), torch.Generator().manual_seed(5)
-    actors = Perceptron(4, 2, Architecture(hidden=(7,)), drawing, members=3, squash=True)
-    critic = Perceptron(6, 1, Architecture(hidden=(5, 4), layer_norm=True), drawing, members=2)
+    one, draws = make_policy(), Draws([5])
+    actors = Perceptron(4, 2, Architecture(hidden=(7,)), draws, ensemble=3, squash=True)
+    critic = Perceptron(6, 1, Architecture(hidden=(5, 4), layer_norm=True), draws, ensemble=2)
     origin = Origin("mc_rled", GateSettings("std", 0.25, 12, "critics"))
     policy = Policy(actors, one.scaling, one.task, origin, critic)
     policy.save(path)
     loaded = load_policy(path)
     assert loaded.origin == origin
-    assert (loaded.network.members, loaded.critic.members) == (3, 2)
+    assert (loaded.network.ensemble, loaded.critic.ensemble) == (3, 2)
     assert (loaded.network.squash, loaded.critic.squash) == (True, False)
     assert loaded.critic.architecture == critic.architecture
-    pairs = torch.randn(9, 6, generator=drawing)
+    pairs = draws.normal(9, 6)[0]
     assert torch.equal(loaded.critic(pairs), critic(pairs))
     np.testing.assert_array_equal(loaded.act(OBSERVATIONS), policy.act(OBSERVATIONS))
     one.save(path)
@@ -72,7 +73,7 @@ def test_members_critic_and_origin_come_back(path, make_policy):
 
 def test_the_mean_of_the_members_acts(make_policy):
     one = make_policy()
-    members = Perceptron(4, 2, Architecture(hidden=()), torch.Generator(), members=2, squash=True)
+    members = Perceptron(4, 2, Architecture(hidden=()), Draws([0]), ensemble=2, squash=True)
     members.load_vector(np.zeros(20, dtype=np.float32))
     members.state_dict()["biases.0"].copy_(torch.tensor([[[0.5, -0.5]], [[1.0, 2.0]]]))
     actions = Policy(members, one.scaling, one.task).act(OBSERVATIONS[:3])
@@ -192,3 +193,17 @@ def test_the_folder_of_a_training_stands_for_the_policy_in_it(tmp_path, make_pol
     policy.save(tmp_path / name)
     found = load_policy(tmp_path)
     assert (found.network.vector() == policy.network.vector()).all()
+
+
+def test_a_seed_of_a_population_is_saved_as_one_alone(path, tmp_path, make_policy):
+    one, settings = make_policy(), Architecture(hidden=(7, 5))
+    actors = Perceptron(4, 2, settings, Draws([3, 4, 5]), squash=True)
+    critics = Perceptron(6, 1, settings, Draws([3, 4, 5]), ensemble=2)
+    for k, seed in enumerate((3, 4, 5)):
+        Policy(actors.member(k), one.scaling, one.task, critic=critics.member(k)).save(path)
+        actor = Perceptron(4, 2, settings, Draws([seed]), squash=True)
+        critic = Perceptron(6, 1, settings, Draws([seed]), ensemble=2)
+        Policy(actor, one.scaling, one.task, critic=critic).save(tmp_path / "alone")
+        assert path.read_bytes() == (tmp_path / "alone").read_bytes()
+        loaded = load_policy(path)
+        assert (loaded.network.population, loaded.critic.population, loaded.critic.ensemble) == (1, 1, 2)

@@ -1,67 +1,27 @@
 """TD3 and DDPG: the update against a second writing of it, and targets worked out by hand."""
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 import pytest
 import torch
-from rled_agent.learners.actor_losses import Cloning
 from rled_agent.learners.td3 import BatchPolicy, TD3Config, TD3Learner
 from rled_agent.nn.architecture import Architecture
-from rled_agent.nn.dropout import dropout_masks
+from rled_agent.nn.draws import Draws
 from rled_agent.nn.perceptron import Perceptron
-from rled_agent.replay.transitions import Source, Transitions
+from rled_agent.replay.transitions import Transitions
 from rled_msgs_py.errors import RledError
 from torch import Tensor
 from torch.nn import functional
 
-SMALL = Architecture(hidden=(6, 5))
-TD3 = TD3Config(gamma=0.9, actor_rate=3e-3, critic_rate=2e-3, tau=0.05, actor=SMALL, critic=SMALL)
-DDPG = replace(TD3, critics=1, delay=1, target_noise=0.0)
-OBSERVATION, ACTION, ROWS = 4, 2, 8
-
-
-def generator(seed: int = 0) -> torch.Generator:
-    return torch.Generator().manual_seed(seed)
-
-
-def transitions(observation, action, reward, discount, following, source=Source.AGENT) -> Transitions:
-    """A batch of rows, each of weight 1."""
-    size = len(observation)
-    sources = torch.full((size, 1), float(source))
-    return Transitions(
-        observation, action, reward, discount, following, sources, torch.ones(size, 1), torch.zeros(size).long()
-    )
-
-
-def batches(count: int, demonstrated: int = 0, gamma: float = 0.9) -> list[Transitions]:
-    """Random transitions, a third of them final, the last so many of each batch demonstrated."""
-    drawing, found = generator(11), []
-    for _ in range(count):
-        s, a, r, d, following = (
-            torch.randn(ROWS, width, generator=drawing) for width in (OBSERVATION, ACTION, 1, 1, OBSERVATION)
-        )
-        each = transitions(s, a.tanh(), r, gamma * (d < 0.5), following)
-        each.source[ROWS - demonstrated :] = Source.DEMONSTRATION
-        found.append(each)
-    return found
-
-
-class Case(NamedTuple):
-    """What is compared."""
-
-    config: TD3Config
-    cloning: Cloning = Cloning(0.0)
-    demonstrated: int = 0
-    weighted: bool = False
+from .td3_cases import CASES, ROWS, SMALL, TD3, Case, batches, make, transitions
 
 
 class Reference:
     """The update written with autograd and torch.optim, weight by weight as in the papers."""
 
-    def __init__(self, learner: TD3Learner, case: Case, drawing: torch.Generator) -> None:
-        self.config, self.cloning, self.drawing, self.k = case.config, case.cloning, drawing, 0
+    def __init__(self, learner: TD3Learner, case: Case, draws: Draws) -> None:
+        self.config, self.cloning, self.draws, self.k = case.config, case.cloning, draws, 0
         nets = learner.networks()
         self.weights = {name: self.parts(nets[name]) for name in nets}
         for name in ("actor", "critic"):
@@ -87,7 +47,9 @@ class Reference:
         return x
 
     def masks(self, rows: int, settings: Architecture) -> list[Tensor]:
-        return dropout_masks([(rows, width) for width in settings.hidden], settings.dropout, self.drawing)
+        sizes = [rows * width for width in settings.hidden]
+        factors = self.draws.kept(settings.dropout, sum(sizes))[0].to(self.weights["actor"]["weights.0"]).split(sizes)
+        return [each.view(rows, width) for each, width in zip(factors, settings.hidden, strict=True)]
 
     def act(self, name: str, s: Tensor, dropping: bool) -> Tensor:
         return torch.tanh(self.net(name, s, dropping=dropping))
@@ -96,9 +58,8 @@ class Reference:
         config = self.config
         with torch.no_grad():
             a = self.act("target_actor", batch.next_observation, config.target_dropout)
-            if config.target_noise:
-                noise = torch.empty_like(a).normal_(0, config.target_noise, generator=self.drawing)
-                a = torch.clamp(a + torch.clamp(noise, -config.target_clip, config.target_clip), -1, 1)
+            noise = config.target_noise * self.draws.normal(*a.shape)[0].to(a)
+            a = torch.clamp(a + torch.clamp(noise, -config.target_clip, config.target_clip), -1, 1)
             x = torch.cat([batch.next_observation, a], dim=1)
             q = torch.stack([self.net("target_critic", x, member) for member in range(config.critics)])
             lesser, reward = q.min(dim=0).values, config.reward_scale * batch.reward
@@ -112,6 +73,7 @@ class Reference:
         adam.step()
 
     def update(self, batch: Transitions) -> None:
+        """Of the rows of a single seed, (b, ...)."""
         config, y = self.config, self.target(batch)
         x = torch.cat([batch.observation, batch.action], dim=1)
         errors = [
@@ -147,46 +109,29 @@ class Reference:
                     target.copy_(tau * self.weights[name][key] + (1 - tau) * target)
 
 
-DROPPING = replace(SMALL, dropout=0.3)
-CASES = {
-    "ddpg": Case(DDPG),
-    "td3": Case(TD3),
-    "scaled rewards": Case(replace(TD3, reward_scale=0.125)),
-    "decaying rates": Case(replace(TD3, delay=3, rate_decay=4.0)),
-    "ddpg, decaying rates": Case(replace(DDPG, rate_decay=4.0)),
-    "actor dropout": Case(replace(TD3, actor=DROPPING)),
-    "target dropout": Case(replace(TD3, actor=DROPPING, target_dropout=True)),
-    "weighted": Case(TD3, weighted=True),
-    "cloning, filtered": Case(TD3, Cloning(0.7), 3),
-    "cloning": Case(TD3, Cloning(0.7, q_filter=False), 3),
-    "cloning, nothing demonstrated": Case(TD3, Cloning(0.7), 0),
-    "ddpg, cloning every row": Case(DDPG, Cloning(2.0), ROWS),
-}
-
-
 @pytest.mark.usefixtures("double")
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES)
 def test_updates_equal_those_of_the_second_writing(case):
-    learner = TD3Learner(OBSERVATION, ACTION, case.config, generator(3), case.cloning.loss())
-    reference = Reference(learner, case, generator(5))
-    learner.generator.set_state(generator(5).get_state())
+    learner = make(case.config, 3, actor_loss=case.cloning.loss())
+    reference = Reference(learner, case, Draws([3]))
+    reference.draws.taken = learner.draws.taken
     for batch in batches(12, case.demonstrated):
         if case.weighted:
-            batch = batch._replace(weight=torch.linspace(0.1, 1.0, ROWS)[:, None])
+            batch = batch._replace(weight=torch.linspace(0.1, 1.0, ROWS)[None, :, None])
         learner.update(batch)
-        reference.update(batch)
+        reference.update(Transitions(*(each[0] for each in batch)))
     for name, network in learner.networks().items():
         for key, parameter in network.state_dict().items():
             expected = reference.weights[name][key].detach()
             torch.testing.assert_close(parameter, expected, rtol=1e-9, atol=1e-11, msg=f"{name}.{key}")
-    assert torch.equal(learner.generator.get_state(), reference.drawing.get_state())
+    assert learner.draws.taken == reference.draws.taken
 
 
 def linear(critics: int = 2, proposal: BatchPolicy | None = None, **settings: object) -> TD3Learner:
     """Actor tanh(w s + b) and critics w s + v a + b, of one observation and one action; the online critics stay 0."""
     flat = Architecture(hidden=())
     config = TD3Config(**{"critics": critics, "target_noise": 0.0, "critic_rate": 0.0, "tau": 0.0} | settings)
-    learner = TD3Learner(1, 1, replace(config, actor=flat, critic=flat), generator(), proposal=proposal)
+    learner = TD3Learner(1, 1, replace(config, actor=flat, critic=flat), Draws([0]), proposal=proposal)
     for network in learner.networks().values():
         network.load_vector(0.0 * network.vector())
     return learner
@@ -206,7 +151,7 @@ def set_target(learner: TD3Learner, actor: tuple[float, float], *critics: tuple[
 def y(learner: TD3Learner, reward: float, terminated: bool, following: float, gamma: float | None = None) -> float:
     """The target of one transition: the online critics say 0, so it is their error, the sign less."""
     discount = (learner.config.gamma if gamma is None else gamma) * (1.0 - terminated)
-    parts = (torch.tensor([[each]]) for each in (0.0, 0.0, reward, discount, following))
+    parts = (torch.tensor([[[each]]]) for each in (0.0, 0.0, reward, discount, following))
     return -float(learner.update(transitions(*parts)).td_error)
 
 
@@ -242,8 +187,9 @@ def test_the_experts_action_counts_where_the_target_critics_prefer_it():
 def test_a_pair_is_worth_what_the_lesser_target_critic_says():
     learner = linear()
     set_target(learner, (0.0, 0.0), (2.0, 3.0, 1.0), (-1.0, 4.0, 1.5))
-    value = learner.value(np.array([0.5], np.float32), np.array([-1.0], np.float32))
-    assert value == pytest.approx(min(2.0 * 0.5 - 3.0 + 1.0, -0.5 - 4.0 + 1.5))
+    value = learner.value(torch.tensor([[[0.5]]]), torch.tensor([[[-1.0]]]))
+    assert value.shape == (1, 1, 1)
+    assert float(value) == pytest.approx(min(2.0 * 0.5 - 3.0 + 1.0, -0.5 - 4.0 + 1.5))
 
 
 def test_no_value_follows_a_terminated_transition():
@@ -271,7 +217,9 @@ def test_smoothed_actions_stay_within_their_bounds():
 def test_smoothing_noise_has_its_deviation():
     learner = linear(gamma=1.0, target_noise=0.1, target_clip=10.0)
     set_target(learner, (0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 1.0, 0.0))
-    noise = torch.tensor([y(learner, 5.0, False, 0.0) - 5.0 for _ in range(2000)])
+    nothing = torch.zeros(1, 2000, 1)
+    update = learner.update(transitions(nothing, nothing, nothing + 5.0, nothing + 1.0, nothing))
+    noise = -update.td_error - 5.0
     assert abs(float(noise.mean())) < 0.01
     assert float(noise.std()) == pytest.approx(0.1, rel=0.1)
 
@@ -280,13 +228,13 @@ def test_smoothing_noise_has_its_deviation():
 def test_target_actor_drops_units_only_where_the_settings_say_so(target_dropout):
     dropping = Architecture(hidden=(64,), dropout=0.5)
     config = replace(TD3, actor=dropping, target_noise=0.0, target_dropout=target_dropout, delay=1000, critic_rate=0.0)
-    learner, (batch,) = TD3Learner(OBSERVATION, ACTION, config, generator()), batches(1)
+    learner, (batch,) = make(config), batches(1)
     losses = {float(learner.update(batch).metrics["critic_loss"].mean()) for _ in range(5)}
     assert len(losses) == (5 if target_dropout else 1)
 
 
 def test_actor_and_targets_wait_for_the_delay():
-    learner = TD3Learner(OBSERVATION, ACTION, replace(TD3, delay=3), generator())
+    learner = make(replace(TD3, delay=3))
 
     def weights() -> dict[str, Tensor]:
         return {name: torch.from_numpy(network.vector()) for name, network in learner.networks().items()}
@@ -304,20 +252,20 @@ def test_targets_move_the_share_tau_of_the_way():
     learner = linear(delay=1, tau=0.25, actor_rate=0.0)
     learner.actor.load_vector(np.full(2, 4.0, np.float32))
     learner.critic.load_vector(np.full(6, -8.0, np.float32))
-    learner.update(transitions(*torch.zeros(5, 3, 1)))
+    learner.update(transitions(*torch.zeros(5, 1, 3, 1)))
     assert (learner.target_actor.vector() == 1.0).all()
     assert (learner.target_critic.vector() == -2.0).all()
 
 
 def test_targets_begin_as_copies():
-    learner = TD3Learner(OBSERVATION, ACTION, TD3, generator())
+    learner = make(TD3)
     assert (learner.actor.vector() == learner.target_actor.vector()).all()
     assert (learner.critic.vector() == learner.target_critic.vector()).all()
     assert learner.actor.weights[0].data_ptr() != learner.target_actor.weights[0].data_ptr()
 
 
 def test_twin_critics_begin_apart():
-    weight = TD3Learner(OBSERVATION, ACTION, TD3, generator()).critic.weights[0]
+    weight = make(TD3).critic.weights[0]
     assert not torch.equal(weight[0], weight[1])
 
 
@@ -328,19 +276,19 @@ def test_the_value_after_several_steps_counts_as_the_transition_says():
 
 
 def test_metrics_and_errors_are_those_before_the_step():
-    learner, (batch,) = TD3Learner(OBSERVATION, ACTION, TD3, generator()), batches(1, gamma=0.0)
-    q = learner.critic(torch.cat([batch.observation, batch.action], dim=1)).detach()
+    learner, (batch,) = make(TD3), batches(1, gamma=0.0)
+    q = learner.critic(torch.cat([batch.observation, batch.action], dim=2)).detach()  # (2, b, 1)
     td_error, metrics = learner.update(batch)
     assert set(metrics) == {"critic_loss", "q"}
     assert float(metrics["q"].mean()) == pytest.approx(float(q.mean()), rel=1e-4)
     assert float(metrics["critic_loss"].mean()) == pytest.approx(float((q - batch.reward).square().mean()), rel=1e-5)
-    torch.testing.assert_close(td_error, (q - batch.reward).mean(dim=0)[:, 0])  # of the two critics
+    torch.testing.assert_close(td_error, (q - batch.reward).mean(dim=0)[None, :, 0])  # of the two critics
     assert not any(each.requires_grad for each in (td_error, *metrics.values()))
 
 
-def test_same_generator_state_gives_the_same_updates():
+def test_same_seed_gives_the_same_updates():
     dropping = replace(TD3, actor=replace(SMALL, dropout=0.2))
-    learners = [TD3Learner(OBSERVATION, ACTION, dropping, generator(2)) for _ in range(2)]
+    learners = [make(dropping, 2) for _ in range(2)]
     for learner in learners:
         for batch in batches(5):
             learner.update(batch)
@@ -350,31 +298,35 @@ def test_same_generator_state_gives_the_same_updates():
 def assert_same(one: TD3Learner, other: TD3Learner) -> None:
     left, right = one.state_dict(), other.state_dict()
     assert left.keys() == right.keys()
-    assert left.pop("updates") == right.pop("updates")
+    for count in ("updates", "actor_updates"):
+        assert left.pop(count) == right.pop(count)
     assert all(torch.equal(left[name], right[name]) for name in left)
 
 
-def test_its_state_and_that_of_its_generator_are_all_there_is():
-    one, other = (TD3Learner(OBSERVATION, ACTION, replace(TD3, rate_decay=3.0), generator(seed)) for seed in (1, 2))
-    for batch in batches(3):
+def test_its_state_and_the_place_in_its_draws_are_all_there_is():
+    one, other = (make(replace(TD3, rate_decay=3.0), 1, 5) for _ in range(2))
+    other.start_from(make(TD3, 8, 9).actor)
+    for batch in batches(3, seeds=2):
         one.update(batch)
     other.load_state_dict(one.state_dict())
     assert other.updates == 3
-    other.generator.set_state(one.generator.get_state())
+    other.draws.taken = one.draws.taken
     for learner in (one, other):
-        for batch in batches(4):
+        for batch in batches(4, seeds=2):
             learner.update(batch)
     assert_same(one, other)
 
 
 def test_the_state_of_other_networks_is_refused_and_nothing_changed():
-    learner = TD3Learner(OBSERVATION, ACTION, TD3, generator())
+    learner = make(TD3)
     before = learner.actor.vector()
     wider = replace(TD3, critic=Architecture(hidden=(6, 9)))
+    with pytest.raises(RledError, match=r"it holds \(2, 4, 6\) as actor\.weights\.0; accepted: \(1, 4, 6\)"):
+        learner.load_state_dict(make(TD3, 0, 1).state_dict())
     for other in (replace(TD3, critics=1), wider):
         with pytest.raises(RledError, match=r"it holds \(.*\) as critic\.weights\.\d; accepted: \("):
-            learner.load_state_dict(TD3Learner(OBSERVATION, ACTION, other, generator(1)).state_dict())
-    state = TD3Learner(OBSERVATION, ACTION, TD3, generator(1)).state_dict()
+            learner.load_state_dict(make(other, 1).state_dict())
+    state = make(TD3, 1).state_dict()
     del state["critic_adam.weights.0.exp_avg"]
     with pytest.raises(RledError, match=r"it holds nothing as critic_adam\.weights\.0\.exp_avg"):
         learner.load_state_dict(state)
@@ -384,9 +336,10 @@ def test_the_state_of_other_networks_is_refused_and_nothing_changed():
 def test_learning_finds_the_best_action_of_a_bandit():
     settings = Architecture(hidden=(32, 32))
     config = TD3Config(gamma=0.0, actor_rate=3e-3, critic_rate=3e-3, actor=settings, critic=settings)
-    learner, drawing = TD3Learner(1, 1, config, generator(0)), generator(1)
+    learner, drawing = TD3Learner(1, 1, config, Draws([0, 1])), torch.Generator().manual_seed(1)
+    best = torch.tensor([0.4, -0.3]).view(2, 1, 1)
     for _ in range(400):
-        a = torch.rand(64, 1, generator=drawing) * 2 - 1
-        nothing = torch.zeros(64, 1)
-        learner.update(transitions(nothing, a, -(a - 0.4).square(), nothing, nothing))
-    assert learner.actor(torch.zeros(1, 1)).item() == pytest.approx(0.4, abs=0.1)
+        a = torch.rand(2, 64, 1, generator=drawing) * 2 - 1
+        nothing = torch.zeros(2, 64, 1)
+        learner.update(transitions(nothing, a, -(a - best).square(), nothing, nothing))
+    assert learner.actor(torch.zeros(1, 1)).view(-1).tolist() == pytest.approx([0.4, -0.3], abs=0.1)

@@ -2,6 +2,7 @@
 
 import copy
 import math
+import os
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import cast
@@ -15,6 +16,10 @@ from torch.nn import functional
 
 from rled_agent.nn.architecture import MAX_WEIGHTS, SLOPE, Architecture, Weights
 from rled_agent.nn.draws import Draws
+
+# MKL rounds by where a matrix lies in memory unless told otherwise before its first product: a seed's numbers would
+# depend on how many lie before it
+os.environ.setdefault("MKL_CBWR", "AUTO,STRICT")
 
 
 class Perceptron(nn.Module):
@@ -131,7 +136,7 @@ class Perceptron(nn.Module):
             x = x.expand(self.members, -1, -1)
         elif self.ensemble > 1:
             x = x[:, None].expand(-1, self.ensemble, -1, -1).flatten(0, 1)
-        return torch.baddbmm(bias, x, weight)
+        return self._product(x, weight, bias)
 
     def _rest(self, x: Tensor, masks: list[Tensor]) -> Tensor:
         """From the linear output of the first layer, (P e, b, outputs) or with one row for all of the masks, on."""

@@ -10,6 +10,8 @@ from rled_agent.replay.replay import Replay
 from rled_agent.replay.transitions import Step, Transitions
 from rled_agent.replay.uniform import UniformReplay
 
+TINY = torch.finfo(torch.float64).tiny
+
 
 class PrioritisedReplay(Replay):
     """Draws transition i with probability p_i^α / Σ p^α, weighted by (N P(i))^−β over the greatest weight.
@@ -55,7 +57,7 @@ class PrioritisedReplay(Replay):
         parts = torch.arange(size, device=total.device) + self._replay.draws.uniform(size).double()
         chosen = self._find(parts / size * total)
         chance = self._sums.gather(1, self._leaves + chosen) / total
-        weight = (len(self) * chance) ** -self._beta
+        weight = _power(len(self) * chance, -self._beta)
         drawn = self._replay.at(chosen)
         return drawn._replace(weight=(weight / weight.amax(dim=1, keepdim=True)).to(drawn.reward)[..., None])
 
@@ -88,7 +90,7 @@ class PrioritisedReplay(Replay):
         self._set_raised(torch.arange(len(self)).expand(len(self._sums), -1).to(self._sums.device), leaves)
 
     def _set(self, index: Tensor, priority: Tensor) -> None:
-        self._set_raised(index, priority**self._alpha)
+        self._set_raised(index, _power(priority, self._alpha))
 
     def _set_raised(self, index: Tensor, raised: Tensor) -> None:
         node = self._leaves + index  # (P, k)
@@ -108,3 +110,12 @@ class PrioritisedReplay(Replay):
             sums = torch.where(right, sums - left, sums)
             node = node + right
         return (node - self._leaves).clamp(max=len(self) - 1)
+
+
+def _power(numbers: Tensor, exponent: float) -> Tensor:
+    """Powers of numbers of 0 or more, where 0 counts as the least there is above it.
+
+    ``torch.pow`` rounds what is left over behind the last vector of a processor otherwise than what lies within one,
+    so a seed's numbers would depend on how many seeds lie behind each other.
+    """
+    return (numbers.clamp(min=TINY).log_() * exponent).exp_()
