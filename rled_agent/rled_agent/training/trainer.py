@@ -18,6 +18,7 @@ from rled_agent.training.learning_state import (
     learning_state,
     pack,
     part_of,
+    require_layout,
     restore_learning,
     restoring,
     seed_of,
@@ -160,8 +161,9 @@ class Trainer:
         with restoring("the checkpoint"):
             whole = together([each.without("environment") for each in checkpoints])
             restore_learning(whole, self.learning)
-            self.strategy.load_state_dict(part_of(whole, "strategy", may_lack=True))
-            run = part_of(whole, "run")
+            strategy, run = part_of(whole, "strategy", may_lack=True), part_of(whole, "run")
+            require_layout(strategy, self.strategy.state_dict(), "the state of who acts")
+            self.strategy.load_state_dict(strategy)
             self.step = whole_number(run, "step")
             self.learning.learner.draws.taken = whole_number(run, "drawn")
             repeats = self.env.restore([part_of(each, "environment") for each in checkpoints])
