@@ -56,7 +56,8 @@ def together(checkpoints: Sequence[Checkpoint]) -> Checkpoint:
     first, *others = checkpoints
     for each in others:
         if each.state != first.state:
-            name = next(name for name in first.state if each.state.get(name) != first.state[name])
+            names = first.state | each.state
+            name = next(name for name in names if each.state.get(name, each) != first.state.get(name, first))
             raise TensorFileError(f"the checkpoints differ in {name}", "those of one step", "go on with each alone")
     tensors = {name: torch.cat([each.tensors[name] for each in checkpoints]) for name in first.tensors}
     return Checkpoint(tensors, first.state)
