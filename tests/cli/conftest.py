@@ -30,26 +30,36 @@ def planar(planar_bag: Path, planar_expert: Path) -> list[str]:
 
 
 @pytest.fixture
-def train(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Checkpoint]:
-    """Run the command in this process; returns the checkpoint that it ended with."""
+def command(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """Run the command in this process."""
 
-    def run(options: list[str], output: Path, steps: int, *more: str) -> Checkpoint:
+    def run(options: list[str], output: Path, steps: int, *more: str) -> None:
         given = [*options, "--output", str(output), "--schedule.steps", str(steps), *more]
         monkeypatch.setattr(sys, "argv", ["train_agent", *given])
         train_agent.main()
+
+    return run
+
+
+@pytest.fixture
+def train(command: Callable[..., None]) -> Callable[..., Checkpoint]:
+    """Run the command in this process; returns the checkpoint that it ended with."""
+
+    def run(options: list[str], output: Path, steps: int, *more: str) -> Checkpoint:
+        command(options, output, steps, *more)
         return read_checkpoint(output / "checkpoint.safetensors")
 
     return run
 
 
 @pytest.fixture
-def refused(train: Callable[..., Checkpoint], capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
+def refused(command: Callable[..., None], capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
     """Run the command, which must end with code 2 and one line; returns the line."""
 
     def run(*arguments: object) -> str:
         capsys.readouterr()
         with pytest.raises(SystemExit) as ended:
-            train(*arguments)
+            command(*arguments)
         lines = [line for line in capsys.readouterr().err.splitlines() if not line.startswith("step ")]
         assert ended.value.code == 2
         assert len(lines) == 1

@@ -57,9 +57,7 @@ def make_policy(task: TaskDescription) -> Callable[..., Policy]:
         settings = Architecture(**{"hidden": (8, 6)} | architecture)
         limit = np.full(task.action_size, task.max_delta)
         observation = task.observation_bounds()
-        network = Perceptron(
-            len(observation[0]), task.action_size, settings, Draws([seed]), squash=True
-        )
+        network = Perceptron(len(observation[0]), task.action_size, settings, Draws([seed]), squash=True)
         return Policy(network, scaling_of_bounds(observation, (-limit, limit)), task)
 
     return make

@@ -133,5 +133,5 @@ def test_sweeps_that_are_none_are_refused(sweeps, said):
 def test_the_numbers_that_may_be_swept_are_those_of_the_method():
     gated = TrainConfig(MCRLED())
     assert [each.config.method.threshold for each in runs("", "threshold=0.1,2", config=gated)] == [0.1, 2.0]
-    with pytest.raises(RledError, match="no number 'phi' to sweep; accepted: threshold, noise, cloning.weight, learner"):
+    with pytest.raises(RledError, match=r"no number 'phi' to sweep; accepted: threshold, noise, cloning\.weight, l"):
         runs("", "phi=0.1", config=gated)

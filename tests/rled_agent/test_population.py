@@ -1,9 +1,12 @@
 """Runs that are made together: each has the numbers that it has alone, bit for bit."""
 
+import json
+import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
+from threading import Event
 
 import gymnasium
 import numpy as np
@@ -16,8 +19,12 @@ from rled_agent.nn.tensor_file import TensorFileError
 from rled_agent.per_seed import changed, numbers
 from rled_agent.training.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
 from rled_agent.training.config import TrainConfig
+from rled_agent.training.environment_batch import STREAM
+from rled_agent.training.learning import train
 from rled_agent.training.run import Inputs, composed
-from rled_agent.training.trainer import Trainer
+from rled_agent.training.run_directory import RunDirectory
+from rled_agent.training.tables import read_rows
+from rled_agent.training.trainer import DivergenceError, Trainer
 
 from .small_runs import BIASED, LEARNER, METHODS, SCHEDULE, SHARING, NStepPrioritised, assert_same, planar, run
 
@@ -166,6 +173,84 @@ def test_a_sweep_goes_on_bit_for_bit(make, tmp_path):
     assert resumed.restore(on_disk(tmp_path, run(make(*configs), 90).checkpoints()))
     for one, other in zip(run(resumed, 70).checkpoints(), whole, strict=True):
         assert_same(one, other)
+
+
+class Breaking(Walk):
+    """Pays a number that is none from the 60th step on where the first episode has a seed of these."""
+
+    broken: frozenset[int] = frozenset()
+
+    def reset(self, *, seed=None, options=None):
+        if not hasattr(self, "count_all"):
+            self.first, self.count_all = seed, 0
+        return super().reset(seed=seed)
+
+    def step(self, action):
+        assert np.isfinite(action).all()
+        observation, reward, *rest = super().step(action)
+        self.count_all += 1
+        return observation, math.nan if self.first in self.broken and self.count_all >= 60 else reward, *rest
+
+
+def first_episode(seed: int) -> int:
+    return int(np.random.SeedSequence([seed, STREAM, 0]).generate_state(1)[0] >> 1)
+
+
+SHORT = replace(SCHEDULE, steps=160, log_every=20, evaluate_every=80, checkpoint_every=40)
+BREAKING = planar(TD3(learner=LEARNER), env="Breaking-v0", reward="own", schedule=SHORT)
+
+
+@pytest.fixture
+def learn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[RunDirectory]]:
+    """Learn with files, in a folder for each seed of a population."""
+    monkeypatch.setitem(gymnasium.registry, "Breaking-v0", EnvSpec("Breaking-v0", entry_point=Breaking))
+
+    def learned(name: str, *configs: TrainConfig) -> list[RunDirectory]:
+        directories = [RunDirectory(tmp_path / name / str(each.seed)) for each in configs]
+        with composed(configs, Inputs()) as population:
+            train(population, directories, Event())
+        return directories
+
+    return learned
+
+
+def told(directory: RunDirectory) -> list[dict[str, float]]:
+    """Its metrics but those that depend on the clock."""
+    return [
+        {name: value for name, value in row.items() if not name.endswith("_per_second") and not math.isnan(value)}
+        for row in read_rows(directory.metrics_path, "step")
+    ]
+
+
+@pytest.mark.parametrize("broken", [[0], [5, 3], [3]])
+def test_a_run_that_diverges_ends_alone(learn, monkeypatch, tmp_path, broken):
+    configs = of_seeds(BREAKING)
+    monkeypatch.setattr(Breaking, "broken", frozenset(map(first_episode, broken)))
+    more = rf"; and of {len(broken) - 1} more of 3 runs" if len(broken) > 1 else ""
+    with pytest.raises(DivergenceError, match=rf"no number at step \d+ in .*together/{broken[0]}{more}; ") as caught:
+        learn("together", *configs)
+    assert "the last good checkpoint is" in str(caught.value)
+    for config in configs:
+        directory = RunDirectory(tmp_path / "together" / str(config.seed))
+        assert directory.diverged_path.exists() == (config.seed in broken)
+        if config.seed in broken:
+            assert json.loads(directory.diverged_path.read_text())["step"] in range(60, 161)
+            assert directory.step() == 40
+            assert [row["step"] for row in told(directory)][:2] == [20, 40]
+            assert len(told(directory)) < 8
+        else:
+            (alone,) = learn("alone", config)
+            assert_same(directory.load(), alone.load())
+            assert told(directory) == told(alone)
+            assert directory.step() == 160
+
+
+def test_where_all_diverge_the_runs_end_at_once(learn, monkeypatch, tmp_path):
+    monkeypatch.setattr(Breaking, "broken", frozenset(map(first_episode, SEEDS)))
+    with pytest.raises(DivergenceError, match="more of 3 runs"):
+        learn("together", *of_seeds(BREAKING))
+    steps = [json.loads((tmp_path / f"together/{seed}/diverged.json").read_text())["step"] for seed in SEEDS]
+    assert max(steps) <= 120
 
 
 def test_the_numbers_of_every_method_may_be_swept():
