@@ -7,8 +7,10 @@ import sys
 from pathlib import Path
 
 import pytest
+import torch
 from rled_agent.deploy.piloting import Pilot, StrategySettings, load_policies
 from rled_agent.nn.policy import GateSettings, load_policy
+from rled_agent.training.checkpoint import read_checkpoint
 from rled_msgs_py.records import Actor
 
 ROOT = Path(__file__).parents[2]
@@ -58,7 +60,7 @@ def test_it_trains_resumes_bit_for_bit_and_drives_by_its_gate(
     assert whole.origin.method == NAME
     assert whole.origin.gate == GateSettings("std", 0.5, estimator="critics")
     assert whole.critic is not None
-    assert whole.critic.members == 5
+    assert whole.critic.ensemble == 5
     policies = load_policies(str(planar_expert), str(tmp_path / "whole"))
     observation = sum(whole.task.observation_bounds()) / 2.0
     for threshold, actor in ((1e9, Actor.AGENT), (0.0, Actor.EXPERT)):
@@ -66,3 +68,17 @@ def test_it_trains_resumes_bit_for_bit_and_drives_by_its_gate(
         pilot = Pilot(policies, StrategySettings(gate), seed=0)
         pilot.begin()
         assert pilot.propose(observation).actor is actor
+
+
+def test_seeds_and_a_sweep_of_it_are_the_same_as_alone(folder: Path, tmp_path: Path, planar_expert: Path) -> None:
+    options = [NAME, "--env", "rled/PlanarReach-v0", "--expert", planar_expert, "--schedule.train-after", 60]
+    options += ["--schedule.log-every", 120, "--schedule.evaluate-every", 240, "--schedule.checkpoint-every", 120]
+    options += ["--schedule.steps", 120]
+    train_agent(folder, *options, "--seeds", "0-1", "--sweep", "threshold=0.3,0.0", "--output", tmp_path / "runs")
+    train_agent(folder, *options, "--threshold", 0.3, "--seed", 1, "--output", tmp_path / "alone")
+    one, alone = (
+        read_checkpoint(tmp_path / run / "checkpoint.safetensors") for run in ("runs/threshold-0.3/seed-1", "alone")
+    )
+    assert one.state == alone.state
+    assert all(torch.equal(tensor, one.tensors[name]) for name, tensor in alone.tensors.items())
+    assert load_policy(tmp_path / "runs/threshold-0.0/seed-0").origin.gate.threshold == 0.0

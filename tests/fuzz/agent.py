@@ -14,13 +14,14 @@ from rled_agent.methods.mc_rled import MCRLED
 from rled_agent.methods.method import Learning, Problem
 from rled_agent.methods.td3 import TD3
 from rled_agent.nn.architecture import Architecture
+from rled_agent.nn.draws import Draws
 from rled_agent.nn.perceptron import Perceptron
 from rled_agent.nn.policy import GateSettings, Origin, Policy
 from rled_agent.nn.scaling import scaling_of_bounds
 from rled_agent.replay.n_step import NStepReplay
 from rled_agent.replay.prioritised import PrioritisedReplay
 from rled_agent.training.config import Schedule, TrainConfig
-from rled_agent.training.environments import bounds, make_environment
+from rled_agent.training.environments import make_batch
 from rled_agent.training.trainer import Environments, Trainer
 from rled_sim.robots import ROBOTS
 from rled_sim.tasks import reach_task
@@ -52,12 +53,13 @@ def _learning(problem: Problem) -> Learning:
 
 @lru_cache
 def trainer() -> Trainer:
-    envs, draws = [make_environment(config(), None) for _ in range(2)], np.random.default_rng(0)
-    scaling = scaling_of_bounds(bounds(envs[0].observation_space), bounds(envs[0].action_space))
-    problem = Problem(4, 2, SCHEDULE.capacity, draws, torch.Generator().manual_seed(0))
+    envs = [make_batch(config(), None, 1, torch.device("cpu")) for _ in range(2)]
+    task, problem = reach_task(ROBOTS["planar"]).description, Problem(4, 2, SCHEDULE.capacity, Draws([0]))
+    limit = np.full(2, task.max_delta)
+    scaling = scaling_of_bounds(task.observation_bounds(), (-limit, limit))
     learning = _learning(problem)
     strategy = config().method.strategy(problem, learning.learner)
-    made = Trainer(Environments(*envs, scaling), learning, strategy, SCHEDULE, draws, has_expert=False)
+    made = Trainer(Environments(*envs, scaling), learning, strategy, SCHEDULE, has_expert=False)
     for _ in range(12):
         made.advance()
     return made
@@ -65,11 +67,11 @@ def trainer() -> Trainer:
 
 def policies() -> list[Policy]:
     task, scaling = reach_task(ROBOTS["planar"]).description, trainer().scaling
-    drawing = torch.Generator().manual_seed(0)
+    draws = Draws([0])
     networks = [
-        Perceptron(4, 2, shape, drawing, members=members, squash=True) for shape, members in ((TINY, 1), (OTHER, 2))
+        Perceptron(4, 2, shape, draws, ensemble=members, squash=True) for shape, members in ((TINY, 1), (OTHER, 2))
     ]
-    critic = Perceptron(6, 1, TINY, drawing, members=2)
+    critic = Perceptron(6, 1, TINY, draws, ensemble=2)
     origin = Origin("mc_rled", GateSettings("std", estimator="critics"))
     return [Policy(networks[0], scaling, task), Policy(networks[1], scaling, task, origin, critic)]
 

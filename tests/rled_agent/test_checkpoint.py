@@ -16,12 +16,22 @@ from rled_agent.learners.td3 import TD3Config
 from rled_agent.methods.method import Learning, Problem
 from rled_agent.methods.td3 import TD3
 from rled_agent.nn.architecture import Architecture
+from rled_agent.nn.draws import Draws
 from rled_agent.nn.tensor_file import TensorFileError
 from rled_agent.replay.n_step import NStepReplay
 from rled_agent.replay.prioritised import PrioritisedReplay
-from rled_agent.replay.transitions import Step
+from rled_agent.replay.transitions import Source, Step
 from rled_agent.training.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
-from rled_agent.training.learning_state import learning_state, pack, part_of, restore_learning, restoring
+from rled_agent.training.learning_state import (
+    learning_state,
+    pack,
+    part_of,
+    require_layout,
+    restore_learning,
+    restoring,
+    seed_of,
+    together,
+)
 from safetensors.torch import save_file
 
 TENSORS = {
@@ -82,11 +92,11 @@ def test_a_checkpoint_with_a_changed_header_is_refused(path):
 @pytest.mark.parametrize(
     ("header", "what"),
     [
-        (None, "is of no format; accepted: rled-checkpoint 4"),
-        ({"format": "rled-policy", "version": "1"}, "is rled-policy 1; accepted: rled-checkpoint 4"),
-        ({"format": "rled-checkpoint", "version": "1"}, "is rled-checkpoint 1; accepted: rled-checkpoint 4"),
-        ({"format": "rled-checkpoint", "version": "4"}, "damaged"),
-        ({"format": "rled-checkpoint", "version": "4", "state": "{"}, "damaged"),
+        (None, "is of no format; accepted: rled-checkpoint 5"),
+        ({"format": "rled-policy", "version": "1"}, "is rled-policy 1; accepted: rled-checkpoint 5"),
+        ({"format": "rled-checkpoint", "version": "1"}, "is rled-checkpoint 1; accepted: rled-checkpoint 5"),
+        ({"format": "rled-checkpoint", "version": "5"}, "damaged"),
+        ({"format": "rled-checkpoint", "version": "5", "state": "{"}, "damaged"),
     ],
 )
 def test_other_headers_are_refused(tmp_path, header, what):
@@ -156,27 +166,27 @@ TINY = Architecture(hidden=(6,))
 CONFIG = TD3Config(actor=TINY, critic=TINY)
 
 
-def empty(seed: int = 0, observation: int = 4, capacity: int = 20, config: TD3Config = CONFIG) -> Learning:
-    generators = np.random.default_rng(seed), torch.Generator().manual_seed(seed)
-    return TD3(learner=config).learning(Problem(observation, 2, capacity, *generators))
+def empty(*seeds: int, observation: int = 4, capacity: int = 20, config: TD3Config = CONFIG) -> Learning:
+    return TD3(learner=config).learning(Problem(observation, 2, capacity, Draws(seeds or (0,))))
 
 
-def prioritised(seed: int = 0) -> Learning:
+def prioritised(*seeds: int) -> Learning:
     """Learning over three steps, from transitions drawn by their errors."""
-    plain = empty(seed)
+    plain = empty(*seeds)
     replay = NStepReplay(3, PrioritisedReplay(plain.replay))
     return plain._replace(replay=replay, batches=replay)
 
 
-def step(drawing: np.random.Generator, is_last: bool) -> Step:
-    state, action, following = (drawing.normal(size=size).astype(np.float32) for size in (4, 2, 4))
-    return Step(state, action, 1.0, 0.9, following, is_last=is_last)
+def step(drawing: np.random.Generator, is_last: bool, seeds: int) -> Step:
+    state, action, following = (torch.from_numpy(drawing.normal(size=(seeds, size))).float() for size in (4, 2, 4))
+    reward, discount, source = (torch.full((seeds,), value) for value in (1.0, 0.9, float(Source.AGENT)))
+    return Step(state, action, reward, discount, following, source, torch.full((seeds,), is_last))
 
 
 def learn(learning: Learning, seed: int = 0, steps: int = 30, updates: int = 3) -> Learning:
     drawing = np.random.default_rng(seed)
     for k in range(steps):
-        learning.replay.add(step(drawing, k % 8 == 7))
+        learning.replay.add(step(drawing, k % 8 == 7, learning.learner.draws.population))
     for _ in range(updates):
         batch = learning.batches.sample(8)
         learning.batches.update_priorities(batch.indices, learning.learner.update(batch).td_error)
@@ -185,9 +195,10 @@ def learn(learning: Learning, seed: int = 0, steps: int = 30, updates: int = 3) 
 
 @pytest.mark.parametrize("make", [empty, prioritised])
 def test_learning_goes_on_from_a_file_bit_for_bit(make, tmp_path):
-    one, other = learn(make(0)), learn(make(1), seed=1, steps=5)
+    one, other = learn(make()), learn(make(), seed=1, steps=5)
     write_checkpoint(tmp_path / "c.safetensors", pack(**learning_state(one)))
     restore_learning(read_checkpoint(tmp_path / "c.safetensors"), other)
+    other.learner.draws.taken = one.learner.draws.taken
     for each in (one, other):
         learn(each, seed=2, steps=6)
     assert one.learner.updates == other.learner.updates == 6
@@ -212,11 +223,11 @@ def test_state_of_other_networks_or_of_more_transitions_is_refused(other):
     assert (learning.learner.actor.vector() == before).all()
 
 
-@pytest.mark.parametrize("name", ["learner.critic_adam.weights.0.exp_avg", "replay.rows", "generator.state"])
+@pytest.mark.parametrize("name", ["learner.critic_adam.weights.0.exp_avg", "replay.rows"])
 def test_state_that_lacks_a_tensor_is_refused_by_its_name(name):
     tensors, state = pack(**learning_state(learn(empty())))
     del tensors[name]
-    short = name.removeprefix("learner.").removeprefix("replay.").removesuffix(".state")
+    short = name.removeprefix("learner.").removeprefix("replay.")
     with pytest.raises(TensorFileError, match=f"it.*{short}"), restoring("it"):
         restore_learning(Checkpoint(tensors, state), empty())
 
@@ -235,7 +246,7 @@ def test_a_state_whose_counts_are_none_is_refused(name, value):
         restore_learning(Checkpoint(tensors, state | {name: value}), empty())
 
 
-@pytest.mark.parametrize("name", ["replay.rows", "generator.state"])
+@pytest.mark.parametrize("name", ["replay.rows", "learner.actor.weights.0"])
 @pytest.mark.parametrize("tensor", [torch.zeros(0), torch.zeros(3, dtype=torch.uint8), torch.zeros(2, 2, 2)])
 def test_a_state_with_a_tensor_of_another_kind_is_refused(name, tensor):
     tensors, state = pack(**learning_state(empty()))
@@ -247,21 +258,25 @@ def test_a_state_with_a_tensor_of_another_kind_is_refused(name, tensor):
     ("name", "value"),
     [
         ("replay.priorities", torch.zeros(0)),
-        ("replay.priorities", torch.full((20,), -1.0, dtype=torch.float64)),
+        ("replay.priorities", torch.full((1, 20), -1.0, dtype=torch.float64)),
         ("replay.greatest", "much"),
         ("replay.greatest", None),
-        ("replay.greatest", 0.0),
-        ("replay.priorities", torch.zeros(20, dtype=torch.float64)),
-        ("replay.waiting.source", torch.tensor([0.0])),
-        ("replay.waiting.source", torch.full((2,), 9.0)),
-        ("replay.waiting.observation", torch.zeros(2, 7)),
+        ("replay.greatest", torch.zeros(1, dtype=torch.float64)),
+        ("replay.greatest", torch.ones(2, dtype=torch.float64)),
+        ("replay.priorities", torch.zeros(1, 20, dtype=torch.float64)),
+        ("replay.waiting.source", torch.zeros(1, 1)),
+        ("replay.waiting.source", torch.zeros(2)),
+        ("replay.waiting.observation", torch.zeros(1, 2, 7)),
+        ("replay.waiting.observation", torch.zeros(1, 3, 4)),
     ],
 )
 def test_priorities_and_windows_that_cannot_be_are_refused(name, value):
     checkpoint = pack(**learning_state(learn(prioritised())))
-    where = checkpoint.tensors if torch.is_tensor(value) else checkpoint.state
-    assert name in {**checkpoint.tensors, **checkpoint.state}
-    where[name] = value
+    assert name in checkpoint.tensors
+    if torch.is_tensor(value):
+        checkpoint.tensors[name] = value
+    else:
+        checkpoint.state[name] = checkpoint.tensors.pop(name) and value
     with pytest.raises(TensorFileError), restoring("it"):
         restore_learning(checkpoint, prioritised())
 
@@ -273,3 +288,37 @@ def test_parts_are_told_apart_by_their_names():
     assert part_of(checkpoint, "other") == {"a": 4}
     with pytest.raises(KeyError, match="on"):
         part_of(checkpoint, "on")
+
+
+@pytest.mark.parametrize("make", [empty, prioritised])
+def test_the_state_of_a_population_is_that_of_its_seeds(make):
+    whole = pack(**learning_state(learn(make(3, 1, 2))))
+    parts = [seed_of(whole, k, 3) for k in range(3)]
+    again = together(parts)
+    assert again.state == whole.state == parts[0].state
+    assert again.tensors.keys() == whole.tensors.keys()
+    for name, tensor in whole.tensors.items():
+        assert torch.equal(again.tensors[name], tensor), name
+        assert parts[0].tensors[name].shape[0] * 3 == tensor.shape[0], name
+    one = pack(**learning_state(learn(make(3))))
+    assert {name: each.shape for name, each in parts[0].tensors.items()} == {
+        name: each.shape for name, each in one.tensors.items()
+    }
+
+
+def test_checkpoints_of_several_steps_are_no_population():
+    parts = [Checkpoint({"a.b": torch.ones(1)}, {"run.step": step, "run.drawn": 5}) for step in (10, 10, 20)]
+    assert together(parts[:2]).state == {"run.step": 10, "run.drawn": 5}
+    parts += [Checkpoint(parts[0].tensors, state) for state in ({"run.drawn": 5}, {"run.step": 10})]
+    for other, name in ((2, "step"), (3, "step"), (4, "drawn")):
+        with pytest.raises(TensorFileError, match=rf"the checkpoints differ in run\.{name}; accepted: those of one"):
+            together([parts[0], parts[other]])
+    with pytest.raises(TensorFileError, match=r"differ in run\.drawn"):
+        together([parts[4], parts[0]])
+
+
+@pytest.mark.parametrize("state", [{}, {"a": torch.ones(2)}, {"a": 3}, {"a": torch.ones(3), "b": torch.ones(3)}])
+def test_a_state_of_other_tensors_is_refused_by_names_and_shapes(state):
+    require_layout({"a": torch.zeros(3)}, {"a": torch.ones(3)}, "it")
+    with pytest.raises(TensorFileError, match=r"the checkpoint has \{.*\} as it; accepted: \{'a': \(3,\)\}"):
+        require_layout(state, {"a": torch.ones(3)}, "it")

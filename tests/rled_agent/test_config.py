@@ -7,6 +7,7 @@ from dataclasses import fields, is_dataclass, replace
 from typing import Annotated, get_args, get_origin, get_type_hints
 
 import pytest
+import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from rled_agent.cli.presets import PRESETS, all_presets
@@ -15,9 +16,12 @@ from rled_agent.methods import Method, all_methods
 from rled_agent.methods.biased_exploration import BiasedExploration
 from rled_agent.methods.mc_rled import MCRLED
 from rled_agent.methods.td3 import TD3
+from rled_agent.per_seed import numbers
 from rled_agent.training.config import Schedule, TrainConfig
 from rled_msgs_py.errors import ContractError, RledError
 from rled_msgs_py.validation import Range
+
+from rled_agent import per_seed
 
 
 def changed(settings, name: str, value: object):
@@ -203,6 +207,58 @@ def test_a_gate_is_what_its_methods_settings_say():
     gate = MCRLED(threshold=0.25, measure="iqr", passes=7).gate
     assert (gate.threshold, gate.measure, gate.passes, gate.estimator) == (0.25, "iqr", 7, "dropout")
     assert {name for name, method in all_methods().items() if method().gate is not None} == {"mc_rled"}
+
+
+# Numbers that may differ between the seeds of a population.
+
+
+@pytest.mark.parametrize("name", all_methods())
+def test_every_number_of_a_method_that_may_differ_can_be_changed_within_its_bounds(name):
+    method, bounds = all_methods()[name](), ranges(TrainConfig(all_methods()[name]()))
+    for each in numbers(method):
+        low, high = bounds[f"method.{each}"].low, bounds[f"method.{each}"].high
+        for value in (low, (low + high) / 2.0, high):
+            one = per_seed.changed(method, each, value)
+            assert TrainConfig(one).method == changed(method, each, value)
+    assert {"noise", "learner.gamma", "learner.tau"} <= set(numbers(method))
+
+
+def test_settings_that_are_the_same_are_merged_into_themselves():
+    methods = [MCRLED(noise=0.3), MCRLED(noise=0.3)]
+    assert per_seed.merged(methods) is methods[0]
+
+
+def test_numbers_that_differ_are_merged_into_exact_tensors():
+    values = (0.1, 1e-3, 1.0 / 3.0)
+    whole = per_seed.merged(
+        [changed(changed(MCRLED(), "learner.gamma", each), "threshold", 2.0 * each) for each in values]
+    )
+    assert whole.learner.gamma.tolist() == [*values]
+    assert whole.threshold.tolist() == [2.0 * each for each in values]
+    assert [per_seed.of_seed(whole.learner.gamma, k) for k in range(3)] == [*values]
+    assert (whole.noise, whole.learner.tau, whole.cloning) == (MCRLED().noise, MCRLED().learner.tau, MCRLED().cloning)
+
+
+def test_a_column_has_the_dimensions_and_the_kind_of_what_it_goes_with():
+    values = torch.tensor([0.1, 0.2], dtype=torch.float64)
+    column = per_seed.column(values, torch.zeros(2, 5, 1))
+    assert (column.shape, column.dtype) == ((2, 1, 1), torch.float32)
+    assert column.flatten().tolist() == torch.tensor([0.1, 0.2]).tolist()
+    assert per_seed.column(0.1, torch.zeros(2, 5)) == 0.1
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "name"),
+    [
+        (MCRLED(passes=7), MCRLED(passes=8), "passes"),
+        (MCRLED(demonstrated_share=0.1), MCRLED(), "demonstrated_share"),
+        (MCRLED(), changed(MCRLED(), "learner.delay", 3), "delay"),
+        (MCRLED(), changed(MCRLED(), "learner.actor.hidden", (9,)), "hidden"),
+    ],
+)
+def test_what_decides_the_shape_of_learning_does_not_differ_between_seeds(one, other, name):
+    with pytest.raises(ContractError, match=f"{name} differs between seeds; accepted: one value for all of them"):
+        per_seed.merged([one, other])
 
 
 # The settings that people start from.

@@ -6,6 +6,7 @@ from dataclasses import replace
 import gymnasium
 import numpy as np
 import pytest
+import torch
 from rled_agent.data.opening import open_demonstrations
 from rled_agent.learners.td3 import TD3Config
 from rled_agent.methods import all_methods
@@ -15,14 +16,20 @@ from rled_agent.methods.td3 import TD3
 from rled_agent.nn.architecture import Architecture
 from rled_agent.nn.policy import GateSettings, Origin, load_policy
 from rled_agent.training.config import Schedule, TrainConfig
+from rled_agent.training.environment_batch import (
+    EnvironmentBatch,
+    OneByOne,
+    ReachEnvironments,
+    is_repeatable,
+    task_of,
+)
 from rled_agent.training.environments import (
     bounds,
     check_spaces,
     environment_of,
-    is_repeatable,
+    make_batch,
     make_environment,
     require_robot_of,
-    task_of,
 )
 from rled_agent.training.rollout import roll_out
 from rled_agent.training.run import Inputs, composed
@@ -39,11 +46,11 @@ GATE = MCRLED(measure="iqr", threshold=0.5, passes=7, learner=replace(LEARNER, a
 
 @pytest.fixture
 def inputs(planar_bag, make_policy) -> Inputs:
-    return Inputs(open_demonstrations(planar_bag, "points"), make_policy())
+    return Inputs(open_demonstrations(planar_bag, "points"), (make_policy(),))
 
 
 def refused(config: TrainConfig, given: Inputs) -> str:
-    with pytest.raises(RledError) as caught, composed(config, given):
+    with pytest.raises(RledError) as caught, composed([config], given):
         pass
     assert "\n" not in str(caught.value)
     return str(caught.value)
@@ -57,8 +64,8 @@ def refused(config: TrainConfig, given: Inputs) -> str:
     ],
 )
 def test_an_expert_of_another_robot_is_refused_without_a_bag_too(planar_expert, env, reward, what):
-    inputs = Inputs(None, load_policy(planar_expert))
-    with pytest.raises(RledError, match=what), composed(TrainConfig(GATE, env=env, reward=reward), inputs):
+    inputs = Inputs(None, (load_policy(planar_expert),))
+    with pytest.raises(RledError, match=what), composed([TrainConfig(GATE, env=env, reward=reward)], inputs):
         pass
 
 
@@ -66,7 +73,7 @@ def test_an_expert_of_another_robot_is_refused_without_a_bag_too(planar_expert, 
 def test_a_method_that_lacks_what_it_needs_is_refused_by_its_name(inputs, name):
     method = all_methods()[name]
     lacking = {
-        "expert": inputs._replace(expert=None),
+        "expert": inputs._replace(experts=()),
         "demonstrations": inputs._replace(demonstrations=None),
     }
     for need in method.needs:
@@ -75,8 +82,8 @@ def test_a_method_that_lacks_what_it_needs_is_refused_by_its_name(inputs, name):
     if len(method.needs) == 2:
         assert f"{name} lacks {' and '.join(method.needs)}; " in refused(TrainConfig(method(), env=PLANAR), Inputs())
     if not method.needs:
-        with composed(TrainConfig(method(learner=LEARNER), env=PLANAR, schedule=SCHEDULE), Inputs()) as run:
-            assert run.expert is None
+        with composed([TrainConfig(method(learner=LEARNER), env=PLANAR, schedule=SCHEDULE)], Inputs()) as population:
+            assert population.expert is None
 
 
 @pytest.mark.parametrize("name", [name for name, method in all_methods().items() if not method.needs])
@@ -93,62 +100,103 @@ def test_a_gate_asks_for_an_actor_that_drops_units(inputs):
 def test_an_expert_or_a_bag_of_another_robot_is_refused(inputs, make_policy):
     other = make_policy(task=reach_task(ROBOTS["panda"]).description)
     method = BiasedExploration(learner=LEARNER)
-    said = refused(TrainConfig(method, env="rled/PandaReach-v0"), inputs._replace(expert=other))
+    said = refused(TrainConfig(method, env="rled/PandaReach-v0"), inputs._replace(experts=(other,)))
     assert said.startswith(
         "the bag is of robot planar, env rled/PandaReach-v0 of panda; accepted: a bag of panda; or --env"
     )
-    said = refused(TrainConfig(method, env=PLANAR), inputs._replace(expert=other))
+    said = refused(TrainConfig(method, env=PLANAR), inputs._replace(experts=(other,)))
     assert said.startswith("the expert is for robot panda; accepted: planar")
 
 
+def kept_batches(monkeypatch) -> list[EnvironmentBatch]:
+    """The batches that a run makes, as they are made."""
+    made: list[EnvironmentBatch] = []
+    monkeypatch.setattr(
+        "rled_agent.training.run.make_batch", lambda *given: (made.append(make_batch(*given)), made[-1])[1]
+    )
+    return made
+
+
 def test_environments_are_closed_after_the_run_and_when_it_is_refused(inputs, monkeypatch):
-    closed, config = [], TrainConfig(GATE, env=PLANAR, schedule=SCHEDULE)
-    close = gymnasium.Wrapper.close
-    monkeypatch.setattr(gymnasium.Wrapper, "close", lambda env: (closed.append(env.unwrapped), close(env))[1])
-    with composed(config, inputs) as run:
-        assert run.trainer.env.unwrapped is not run.trainer.evaluation_env.unwrapped
+    made, closed, config = kept_batches(monkeypatch), [], TrainConfig(GATE, env=PLANAR, schedule=SCHEDULE)
+    monkeypatch.setattr(ReachEnvironments, "close", lambda env: closed.append(env))
+    with composed([config], inputs) as population:
+        assert population.trainer.env in made
         assert not closed
-        used = {run.trainer.env.unwrapped, run.trainer.evaluation_env.unwrapped}
-    assert set(closed) == used
+    assert {*closed} >= {made[-1], made[-2]}
     closed.clear()
     refused(replace(config, method=replace(GATE, learner=LEARNER)), inputs)
-    assert len(set(closed)) == 2
+    assert {*closed} >= {made[-1], made[-2]}
+
+
+def test_environments_of_somebody_else_are_closed_too(monkeypatch):
+    closed, close = [], gymnasium.Wrapper.close
+    monkeypatch.setattr(gymnasium.Wrapper, "close", lambda env: (closed.append(env.unwrapped), close(env))[1])
+    pendulum = TrainConfig(TD3(learner=LEARNER), env="Pendulum-v1", reward="own", schedule=SCHEDULE)
+    with composed([pendulum, replace(pendulum, seed=1)], Inputs()) as population:
+        acted_in = {each.unwrapped for each in population.trainer.env._envs}
+        assert len(acted_in) == 2
+        assert not acted_in & {*closed}
+    assert acted_in < {*closed}
+    assert len({*closed}) == 5  # two to act in, two to be looked at in, one that told its bounds
 
 
 def test_another_environment_may_be_acted_in(inputs):
     made = []
 
-    def wrap(evaluation_env):
-        made.append(evaluation_env)
-        return gymnasium.make(PLANAR)
+    def make(task):
+        made.append(gymnasium.make(PLANAR))
+        assert task.robot == "planar"
+        return made[-1]
 
-    with composed(TrainConfig(GATE, env=PLANAR, schedule=SCHEDULE), inputs, wrap) as run:
-        assert made == [run.trainer.evaluation_env]
-        assert run.trainer.env is not run.trainer.evaluation_env
+    with composed([TrainConfig(GATE, env=PLANAR, schedule=SCHEDULE)], inputs, make) as population:
+        assert isinstance(population.trainer.env, OneByOne)
+        assert population.trainer.env._envs == made
 
 
 def test_the_policy_says_how_it_was_made(inputs, tmp_path):
     with ExitStack() as stack:
         configs = [TrainConfig(method, env=PLANAR, schedule=SCHEDULE) for method in (GATE, TD3(learner=LEARNER))]
-        gated, plain = (stack.enter_context(composed(config, inputs)) for config in configs)
-        assert gated.policy().origin == Origin("mc_rled", GateSettings("iqr", 0.5, 7, "dropout"))
-        assert plain.policy().origin == Origin("td3", None)
-        assert gated.policy().critic is None
-        gated.policy().save(tmp_path / "policy")
+        gated, plain = (stack.enter_context(composed([config], inputs)).policy(0) for config in configs)
+        assert gated.origin == Origin("mc_rled", GateSettings("iqr", 0.5, 7, "dropout"))
+        assert plain.origin == Origin("td3", None)
+        assert gated.critic is None
+        gated.save(tmp_path / "policy")
         observations = np.random.default_rng(0).uniform(-1, 1, (5, 4))
-        expected = gated.policy().act(observations)
-        np.testing.assert_array_equal(load_policy(tmp_path / "policy").act(observations), expected)
+        np.testing.assert_array_equal(load_policy(tmp_path / "policy").act(observations), gated.act(observations))
     pendulum = TrainConfig(TD3(learner=LEARNER), env="Pendulum-v1", reward="own", schedule=SCHEDULE)
-    with composed(pendulum, Inputs()) as run:
-        assert run.policy() is None
+    with composed([pendulum], Inputs()) as population:
+        assert population.policy(0) is None
+
+
+def test_each_policy_of_a_population_is_that_of_its_run(inputs):
+    configs = [TrainConfig(replace(GATE, threshold=0.1 * k), env=PLANAR, schedule=SCHEDULE, seed=k) for k in range(3)]
+    observations = np.random.default_rng(0).uniform(-1, 1, (5, 4))
+    with composed(configs, inputs) as population:
+        for k, config in enumerate(configs):
+            with composed([config], inputs) as alone:
+                policy, same = population.policy(k), alone.policy(0)
+            assert policy.origin == same.origin == Origin("mc_rled", GateSettings("iqr", 0.1 * k, 7, "dropout"))
+            np.testing.assert_array_equal(policy.act(observations), same.act(observations))
+
+
+def test_what_differs_between_runs_besides_seeds_and_numbers_is_refused(inputs):
+    configs = [TrainConfig(replace(GATE, passes=passes), env=PLANAR, schedule=SCHEDULE) for passes in (7, 8)]
+    with pytest.raises(RledError, match="passes differs between seeds; accepted: one value"), composed(configs, inputs):
+        pass
 
 
 def test_episodes_start_where_the_demonstrations_do(inputs):
-    with composed(TrainConfig(GATE, env=PLANAR, schedule=SCHEDULE), inputs) as run:
+    with composed([TrainConfig(GATE, env=PLANAR, schedule=SCHEDULE)], inputs) as population:
         starts = {tuple(row) for row in inputs.demonstrations.starts.round(9).tolist()}
-        for seed in range(5):
-            run.trainer.env.reset(seed=seed)
-            assert tuple(np.round(run.trainer.env.unwrapped.simulation.plant.q, 9).tolist()) in starts
+        env, begun = population.trainer.env, set()
+        for seed in range(9):
+            env.seed([seed])
+            env.begin(torch.ones(1, dtype=torch.bool))
+            (joints,) = env.states()[0]["joints"].numpy().round(9).tolist()
+            begun.add(tuple(joints))
+        assert begun <= starts
+        assert len(begun) > 2
 
 
 def make(name: str, reward: str = "own", starts: np.ndarray | None = None) -> gymnasium.Env:

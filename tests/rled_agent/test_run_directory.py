@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 import torch
+from rled_agent.nn.tensor_file import TensorFileError
 from rled_agent.training.checkpoint import Checkpoint
 from rled_agent.training.digests import bag_digest, file_digest
 from rled_agent.training.resuming import require_same_run
@@ -76,6 +77,27 @@ def test_rows_after_the_checkpoint_are_dropped_on_continuing(tmp_path):
     assert [row["step"] for row in rows(after.metrics_path)] == [10.0, 20.0]
     after.append({"step": 30.0, "reward": -31.0})
     assert [row["reward"] for row in rows(after.metrics_path)] == [-10.0, -20.0, -31.0]
+
+
+def test_the_step_is_that_of_the_checkpoint(tmp_path):
+    directory = RunDirectory(tmp_path)
+    directory.save(Checkpoint({"weights": torch.ones(2)}, {"run.step": 20}))
+    assert directory.step() == 20
+    for state in ({}, {"run.step": -1}, {"run.step": 2.5}, {"run.step": "20"}):
+        directory.save(Checkpoint({}, state))
+        with pytest.raises(TensorFileError, match=r"checkpoint"):
+            directory.step()
+    directory.checkpoint_path.write_bytes(b"nothing")
+    with pytest.raises(TensorFileError, match="is damaged"):
+        directory.step()
+
+
+def test_a_run_that_has_diverged_says_so_with_the_step(tmp_path):
+    directory = RunDirectory(tmp_path)
+    assert not directory.diverged_path.exists()
+    directory.write_diverged(140)
+    assert directory.diverged_path == tmp_path / "diverged.json"
+    assert json.loads(directory.diverged_path.read_text()) == {"step": 140}
 
 
 def test_no_temporary_file_is_left(tmp_path):

@@ -12,71 +12,41 @@ import pytest
 import torch
 from rled_agent.data.opening import open_demonstrations
 from rled_agent.exploration.uncertainty_gate import UncertaintyGate
-from rled_agent.learners.actor_losses import Cloning
-from rled_agent.learners.td3 import TD3Config
 from rled_agent.methods import all_methods
 from rled_agent.methods.biased_exploration import BiasedExploration
-from rled_agent.methods.ddpg import DDPG
-from rled_agent.methods.ibrl import IBRL
-from rled_agent.methods.jsrl import JSRL
-from rled_agent.methods.mc_rled import MCRLED
-from rled_agent.methods.method import Learning, Method, Problem
-from rled_agent.methods.preloading import Preloading
-from rled_agent.methods.q_filtered_cloning import QFilteredCloning
-from rled_agent.methods.rlpd import RLPD
-from rled_agent.methods.td3 import TD3
+from rled_agent.methods.method import Method, Problem
 from rled_agent.nn.architecture import Architecture
+from rled_agent.nn.draws import Draws
 from rled_agent.nn.policy import load_policy
 from rled_agent.nn.scaling import scaling_of_bounds
 from rled_agent.nn.tensor_file import TensorFileError
-from rled_agent.replay.n_step import NStepReplay
-from rled_agent.replay.prioritised import PrioritisedReplay
 from rled_agent.replay.transitions import Source
 from rled_agent.training.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
-from rled_agent.training.config import Schedule, TrainConfig
+from rled_agent.training.config import TrainConfig
+from rled_agent.training.environment_batch import OneByOne
 from rled_agent.training.environments import make_environment
-from rled_agent.training.run import Inputs, Run, composed
+from rled_agent.training.evaluating import EVALUATION_SEED
+from rled_agent.training.rollout import mean_result, roll_out
+from rled_agent.training.run import Inputs, Population, composed
 from rled_agent.training.trainer import DivergenceError, Environments, Trainer
-from rled_msgs_py.records import Actor
 
-TINY = Architecture(hidden=(12, 10))
-SCHEDULE = Schedule(
-    steps=400, train_after=40, train_every=20, gradient_steps=10, batch_size=16, capacity=150, evaluation_episodes=2
+from .small_runs import (
+    BIASED,
+    DROPPING,
+    GATED,
+    LEARNER,
+    METHODS,
+    PLAIN,
+    SCHEDULE,
+    SHARING,
+    STILL,
+    NStepPrioritised,
+    assert_same,
+    planar,
+    run,
 )
-LEARNER = TD3Config(actor=TINY, critic=TINY)
-DROPPING = replace(LEARNER, actor=replace(TINY, dropout=0.2))
-SHARING = MCRLED(
-    measure="iqr",
-    threshold=0.03,
-    passes=8,
-    demonstrated_share=0.25,
-    cloning=Cloning(),
-    learner=replace(DROPPING, rate_decay=100.0, target_dropout=True),
-)
 
-
-class NStepPrioritised(TD3):
-    """TD3 over three steps, from transitions drawn by their errors."""
-
-    def learning(self, problem: Problem) -> Learning:
-        plain = super().learning(problem)
-        replay = NStepReplay(3, PrioritisedReplay(plain.replay))
-        return plain._replace(replay=replay, batches=replay)
-
-
-METHODS: dict[str, Method] = {
-    "td3": TD3(random_steps=25, learner=LEARNER),
-    "ddpg": DDPG(learner=replace(LEARNER, critics=1, delay=1, target_noise=0.0)),
-    "biased_exploration": BiasedExploration(phi=0.4, learner=DROPPING),
-    "mc_rled": MCRLED(measure="iqr", threshold=0.03, passes=8, learner=DROPPING),
-    "mc_rled, sharing": SHARING,
-    "jsrl": JSRL(guide_steps=9, guide_stages=3, learner=LEARNER),
-    "ibrl": IBRL(preload=30, learner=LEARNER),
-    "preloading": Preloading(preload=30, learner=LEARNER),
-    "q_filtered_cloning": QFilteredCloning(learner=LEARNER),
-    "rlpd": RLPD(learner=replace(LEARNER, critic=replace(TINY, layer_norm=True))),
-    "n-step, prioritised": NStepPrioritised(learner=LEARNER),
-}
+CPU = torch.device("cpu")
 
 
 def test_every_method_is_looked_at():
@@ -84,37 +54,27 @@ def test_every_method_is_looked_at():
     assert {type(method) for method in METHODS.values()} >= set(all_methods().values())
 
 
-def planar(method: Method, **changes: object) -> TrainConfig:
-    return TrainConfig(method, **{"env": "rled/PlanarReach-v0", "schedule": SCHEDULE} | changes)
-
-
-PLAIN = planar(TD3(learner=LEARNER))
-STILL = planar(TD3(noise=0.0, learner=replace(LEARNER, actor_rate=0.0)))
-BIASED, GATED = planar(METHODS["biased_exploration"]), planar(METHODS["mc_rled"])
-
-
 @pytest.fixture(scope="module")
 def inputs(make_policy, planar_bag: Path, tmp_path_factory) -> Inputs:
     path = tmp_path_factory.mktemp("expert") / "expert.safetensors"
     make_policy().save(path)
-    return Inputs(open_demonstrations(planar_bag, "points"), load_policy(path))
+    return Inputs(open_demonstrations(planar_bag, "points"), (load_policy(path),))
 
 
 @pytest.fixture
-def compose(inputs: Inputs) -> Iterator[Callable[..., Run]]:
+def compose(inputs: Inputs) -> Iterator[Callable[..., Population]]:
     with ExitStack() as stack:
-        yield lambda config, given=inputs, **others: stack.enter_context(composed(config, given, **others))
+        yield lambda config, given=inputs: stack.enter_context(composed([config], given))
 
 
 @pytest.fixture
-def make(compose: Callable[..., Run]) -> Callable[[TrainConfig], Trainer]:
+def make(compose: Callable[..., Population]) -> Callable[[TrainConfig], Trainer]:
     return lambda config: compose(config).trainer
 
 
-def run(trainer: Trainer, steps: int) -> Trainer:
-    for _ in range(steps):
-        trainer.advance()
-    return trainer
+def checkpoint_of(trainer: Trainer) -> Checkpoint:
+    (checkpoint,) = trainer.checkpoints()
+    return checkpoint
 
 
 def stood_still(trainer: Trainer, steps: int) -> Trainer:
@@ -123,18 +83,11 @@ def stood_still(trainer: Trainer, steps: int) -> Trainer:
     return run(trainer, steps)
 
 
-def assert_same(one: Checkpoint, other: Checkpoint) -> None:
-    assert one.state == other.state
-    assert one.tensors.keys() == other.tensors.keys()
-    for name, tensor in one.tensors.items():
-        assert torch.equal(tensor, other.tensors[name]), name
-
-
 @pytest.mark.parametrize("method", METHODS.values(), ids=METHODS)
 def test_same_seed_gives_the_same_state(make, method):
-    one, same = (run(make(planar(method)), 150).checkpoint() for _ in range(2))
+    one, same = (checkpoint_of(run(make(planar(method)), 150)) for _ in range(2))
     assert_same(one, same)
-    other = run(make(planar(method, seed=1)), 150).checkpoint()
+    other = checkpoint_of(run(make(planar(method, seed=1)), 150))
     assert not torch.equal(other.tensors["learner.actor.weights.0"], one.tensors["learner.actor.weights.0"])
 
 
@@ -142,28 +95,28 @@ def test_same_seed_gives_the_same_state(make, method):
 @pytest.mark.parametrize("method", METHODS.values(), ids=METHODS)
 def test_a_run_continues_from_a_checkpoint_bit_for_bit(make, method, cut, tmp_path):
     """At 20 nothing was learned yet; the replay of 150 has wrapped around at 200; at 130 an episode is under way."""
-    whole = run(make(planar(method)), 330).checkpoint()
-    write_checkpoint(tmp_path / "c.safetensors", run(make(planar(method)), cut).checkpoint())
+    whole = checkpoint_of(run(make(planar(method)), 330))
+    write_checkpoint(tmp_path / "c.safetensors", checkpoint_of(run(make(planar(method)), cut)))
     resumed = make(planar(method))
-    assert resumed.restore(read_checkpoint(tmp_path / "c.safetensors"))
+    assert resumed.restore([read_checkpoint(tmp_path / "c.safetensors")])
     assert resumed.step == cut
-    assert_same(run(resumed, 330 - cut).checkpoint(), whole)
+    assert_same(checkpoint_of(run(resumed, 330 - cut)), whole)
 
 
 def test_a_checkpoint_is_taken_where_an_episode_has_just_begun(make, tmp_path):
     trainer = stood_still(make(STILL), 100)
-    assert len(trainer.metrics.episodes) == 1
-    write_checkpoint(tmp_path / "c.safetensors", trainer.checkpoint())
+    assert [len(each) for each in trainer.metrics.episodes()] == [1]
+    write_checkpoint(tmp_path / "c.safetensors", checkpoint_of(trainer))
     resumed = make(STILL)
-    resumed.restore(read_checkpoint(tmp_path / "c.safetensors"))
-    assert_same(run(resumed, 30).checkpoint(), run(trainer, 30).checkpoint())
+    resumed.restore([read_checkpoint(tmp_path / "c.safetensors")])
+    assert_same(checkpoint_of(run(resumed, 30)), checkpoint_of(run(trainer, 30)))
 
 
 def test_evaluations_change_nothing(make):
     watched, alone = make(BIASED), make(BIASED)
     for _ in range(6):
         run(watched, 20).evaluate()
-    assert_same(watched.checkpoint(), run(alone, 120).checkpoint())
+    assert_same(checkpoint_of(watched), checkpoint_of(run(alone, 120)))
 
 
 OTHERS = {
@@ -177,16 +130,16 @@ OTHERS = {
 
 @pytest.mark.parametrize("change", OTHERS.values(), ids=OTHERS)
 def test_a_checkpoint_of_another_configuration_or_environment_is_refused(compose, inputs, change):
-    checkpoint = run(compose(BIASED).trainer, 130).checkpoint()
+    checkpoint = checkpoint_of(run(compose(BIASED).trainer, 130))
     given = Inputs() if "env" in change else inputs
     with pytest.raises(TensorFileError, match=r"the checkpoint.*begin again without it"):
-        compose(replace(BIASED, **change), given).trainer.restore(checkpoint)
+        compose(replace(BIASED, **change), given).trainer.restore([checkpoint])
 
 
 def test_more_steps_than_before_are_no_other_settings(make, tmp_path):
-    write_checkpoint(tmp_path / "c.safetensors", run(make(BIASED), 10).checkpoint())
+    write_checkpoint(tmp_path / "c.safetensors", checkpoint_of(run(make(BIASED), 10)))
     longer = make(replace(BIASED, schedule=replace(SCHEDULE, steps=500)))
-    longer.restore(read_checkpoint(tmp_path / "c.safetensors"))
+    longer.restore([read_checkpoint(tmp_path / "c.safetensors")])
     assert longer.step == 10
 
 
@@ -210,31 +163,31 @@ class Arm(gymnasium.Env):
 
 
 def on_an_arm(method: Method = NStepPrioritised(learner=LEARNER)) -> tuple[Trainer, Arm]:  # noqa: B008
-    arm, draws = Arm(), np.random.default_rng(0)
+    arm, problem = Arm(), Problem(3, 2, 150, Draws([0]))
     scaling = scaling_of_bounds((np.full(3, -1.0), np.ones(3)), (np.full(2, -1.0), np.ones(2)))
-    learning = method.learning(Problem(3, 2, 150, draws, torch.Generator().manual_seed(0)))
-    strategy = method.strategy(Problem(3, 2, 150, draws, torch.Generator()), learning.learner)
-    return Trainer(Environments(arm, arm, scaling), learning, strategy, SCHEDULE, draws, has_expert=False), arm
+    learning = method.learning(problem)
+    strategy, env = method.strategy(problem, learning.learner), OneByOne([arm], CPU)
+    return Trainer(Environments(env, env, scaling), learning, strategy, SCHEDULE, has_expert=False), arm
 
 
 def test_where_an_episode_cannot_be_repeated_a_new_one_begins_and_no_action_is_made_again(tmp_path):
     begun, _ = on_an_arm()
-    write_checkpoint(tmp_path / "c.safetensors", run(begun, 50).checkpoint())
+    write_checkpoint(tmp_path / "c.safetensors", checkpoint_of(run(begun, 50)))
     resumed, arm = on_an_arm()
     resets = arm.resets
-    assert not resumed.restore(read_checkpoint(tmp_path / "c.safetensors"))
+    assert not resumed.restore([read_checkpoint(tmp_path / "c.safetensors")])
     assert (arm.steps, arm.resets - resets) == (0, 1)
     assert resumed.step == 50
     for name, tensor in begun.learning.learner.state_dict().items():
         if torch.is_tensor(tensor):
             assert torch.equal(tensor, resumed.learning.learner.state_dict()[name]), name
-    assert len(resumed.learning.replay) == len(begun.learning.replay) + 2 == 50  # what waited ends with the old episode
+    assert len(resumed.learning.replay) == len(begun.learning.replay) == 48  # two steps wait for those after them
     run(resumed, 10)
     assert arm.steps == 10
     assert len(resumed.learning.replay) == 58
-    assert resumed.checkpoint().tensors["episode.actions"].shape == (10, 2)
-    rows = resumed.learning.replay._replay._replay.rows
-    assert rows[47:50, 6].tolist() == pytest.approx([0.99**3, 0.99**2, 0.99])  # counted over the steps there were
+    assert checkpoint_of(resumed).tensors["environment.actions"].shape == (1, 10, 2)
+    rows = resumed.learning.replay._replay._replay.rows[0]
+    assert rows[47:50, 6].tolist() == pytest.approx([0.99**3, 0.99**2, 0.99])  # what waited ends with its episode
     assert rows[50, :3].tolist() == pytest.approx([0.1] * 3)
 
 
@@ -247,28 +200,30 @@ def test_gradient_steps_come_in_bursts_once_enough_was_seen(make):
     assert counts == [10 * max(0, seen // 20 - 1) for seen in range(100)]
 
 
-def test_transitions_are_stored_normalised_and_in_order(make):
-    trainer = run(make(PLAIN), 60)
-    assert len(trainer.learning.replay) == 60
-    rows, scaling, starts = trainer.learning.replay.rows[:60], trainer.scaling, trainer.env.unwrapped
-    env = make_environment(PLAIN, np.array(starts.simulation._starts))
-    observation, _ = env.reset(seed=trainer.checkpoint().state["episode.seed"])
+def test_transitions_are_stored_normalised_and_in_order(make, inputs):
+    trainer = run(make(PLAIN), 140)
+    assert len(trainer.learning.replay) == 140
+    rows, scaling = trainer.learning.replay.rows[0, :140].numpy(), trainer.scaling
+    env, ends = make_environment(PLAIN, inputs.demonstrations.starts), 0
+    observation, _ = env.reset(seed=PLAIN.seed)
     for row in rows:
-        np.testing.assert_array_equal(row[:4], scaling.normalize_observation(observation))
+        np.testing.assert_allclose(row[:4], scaling.normalize_observation(observation), atol=1e-5)
         physical = scaling.denormalize_action(row[4:6]).astype(np.float32)
         observation, reward, terminated, truncated, _ = env.step(physical)
-        assert row[6] == np.float32(reward)
+        assert row[6] == pytest.approx(reward, abs=1e-5)
         assert row[7] == np.float32(0.99 * (not terminated))
-        np.testing.assert_array_equal(row[8:12], scaling.normalize_observation(observation))
+        np.testing.assert_allclose(row[8:12], scaling.normalize_observation(observation), atol=1e-5)
         assert row[12] == Source.AGENT
-        assert not truncated
+        if terminated or truncated:
+            observation, ends = env.reset()[0], ends + 1
+    assert ends
     env.close()
 
 
 def test_a_truncated_episode_is_stored_as_one_that_goes_on(make):
     trainer = stood_still(make(replace(STILL, schedule=replace(SCHEDULE, train_after=1000))), 100)
-    assert len(trainer.metrics.episodes) == 1
-    assert trainer.learning.replay.rows[99, 7] == np.float32(0.99)
+    assert [len(each) for each in trainer.metrics.episodes()] == [1]
+    assert trainer.learning.replay.rows[0, 99, 7] == np.float32(0.99)
 
 
 def test_batches_hold_the_share_of_demonstrated_transitions(make):
@@ -280,26 +235,25 @@ def test_batches_hold_the_share_of_demonstrated_transitions(make):
     expected = 12 * [False] + 4 * [True]
     assert seen
     for batch in seen:
-        assert (batch.source[:, 0] == Source.DEMONSTRATION).tolist() == expected
-        assert batch.demonstrated[:, 0].bool().tolist() == expected
+        assert (batch.source[0, :, 0] == Source.DEMONSTRATION).tolist() == expected
+        assert batch.demonstrated[0, :, 0].bool().tolist() == expected
 
 
 @pytest.mark.parametrize("name", ["preloading", "ibrl"])
 def test_a_replay_begins_with_demonstrations(make, name):
     replay = make(planar(METHODS[name])).learning.replay
-    assert (replay.rows[: len(replay), -1] == Source.DEMONSTRATION).all()
+    assert (replay.rows[0, : len(replay), -1] == Source.DEMONSTRATION).all()
     assert len(replay) == 30
 
 
 def test_the_expert_acts_in_whole_episodes_and_in_the_share_phi(make):
     schedule = replace(SCHEDULE, train_after=10_000, capacity=10_000)
     trainer = make(planar(BiasedExploration(phi=0.4, learner=LEARNER), schedule=schedule))
-    ends = []
+    ends, end = [], trainer.strategy.end
+    trainer.strategy.end = lambda where, returns: (ends.extend([trainer.step + 1] * bool(where)), end(where, returns))
     while len(ends) < 60:
         trainer.advance()
-        if len(trainer.metrics.episodes) > len(ends):
-            ends.append(trainer.step)
-    sources = trainer.learning.replay.rows[: trainer.step, -1]
+    sources = trainer.learning.replay.rows[0, : trainer.step, -1].numpy()
     episodes = [set(part.tolist()) for part in np.split(sources, ends)[:-1]]
     assert all(each in ({Source.EXPERT}, {Source.AGENT}) for each in episodes)
     share = sum(each == {Source.EXPERT} for each in episodes) / 60
@@ -310,31 +264,32 @@ def test_the_expert_acts_in_whole_episodes_and_in_the_share_phi(make):
 def test_the_gate_leaves_all_to_the_expert_or_to_the_agent(make, threshold, share):
     trainer = run(make(planar(replace(GATED.method, threshold=threshold))), 30)
     assert isinstance(trainer.strategy, UncertaintyGate)
-    row = trainer.metrics.row(has_expert=True)
+    (row,) = trainer.metrics.rows(has_expert=True)
     assert row["demonstrated_share"] == share
     assert row["iqr_mean"] > 0.0
-    assert set(trainer.learning.replay.rows[:30, -1]) == {Source.EXPERT if share else Source.AGENT}
+    assert set(trainer.learning.replay.rows[0, :30, -1].tolist()) == {Source.EXPERT if share else Source.AGENT}
 
 
 def test_the_metrics_of_a_row_are_those_of_its_steps(make):
     trainer = run(make(replace(PLAIN, schedule=replace(SCHEDULE, train_after=10_000))), 150)
-    rewards = trainer.learning.replay.rows[:150, 6]
-    row = trainer.metrics.row(has_expert=True)
-    first = trainer.metrics.episodes[0]
-    assert row["episodes"] == len(trainer.metrics.episodes) >= 1
+    rewards = trainer.learning.replay.rows[0, :150, 6].numpy()
+    (row,) = trainer.metrics.rows(has_expert=True)
+    (episodes,) = trainer.metrics.episodes()
+    first = episodes[0]
+    assert row["episodes"] == len(episodes) >= 1
     assert row["lowest_reward"] == pytest.approx(rewards.min())
     assert first.reward == pytest.approx(rewards[: first.steps].sum(), rel=1e-4)
     assert row["violations_per_1000"] == pytest.approx(1000 * np.mean(rewards < -0.5))
     assert row["demonstrated_share"] == 0.0
     assert not {"critic_loss", "q", "qcd_mean"} & set(row)  # of what there is not, there is no column
-    assert "demonstrated_share" not in trainer.metrics.row(has_expert=False)
+    assert "demonstrated_share" not in trainer.metrics.rows(has_expert=False)[0]
 
 
 def test_the_losses_of_a_row_are_means_over_its_gradient_steps(make):
     trainer = run(make(PLAIN), 81)
     updates = trainer.metrics.updates
     assert len(updates) == 30
-    row = trainer.metrics.row(has_expert=False)
+    (row,) = trainer.metrics.rows(has_expert=False)
     for name in ("critic_loss", "q"):
         assert row[name] == pytest.approx(np.mean([float(each.metrics[name].mean()) for each in updates]))
 
@@ -359,7 +314,8 @@ class Numbers(gymnasium.Env):
 @pytest.mark.parametrize("paid", [math.nan, math.inf])
 def test_a_loss_that_is_no_number_stops_training_naming_the_step(paid):
     trainer, _ = on_an_arm(PLAIN.method)
-    trainer.env = Numbers(paid)
+    trainer.env = OneByOne([Numbers(paid)], CPU)
+    trainer.env.begin(torch.ones(1, dtype=torch.bool))
     with pytest.raises(DivergenceError, match=r"no number at step (60|80|100)"):
         run(trainer, 200)
     assert trainer.step in (60, 80, 100)
@@ -367,22 +323,32 @@ def test_a_loss_that_is_no_number_stops_training_naming_the_step(paid):
 
 def test_the_evaluation_is_the_mean_of_whole_episodes_without_noise_or_dropout(make):
     trainer = make(BIASED)
-    once, again = trainer.evaluate(), trainer.evaluate()
+    (once,), (again,) = trainer.evaluate(), trainer.evaluate()
     assert once == again
     assert set(once) == {"reward", "steps", "targets_reached", "violations"}
     assert 0 < once["steps"] <= 100
 
 
+def test_the_evaluation_is_that_of_the_policy_in_one_environment(compose, inputs):
+    population = compose(BIASED)
+    run(population.trainer, 150)
+    env = make_environment(BIASED, inputs.demonstrations.starts)
+    alone = roll_out(env, population.policy(0).act, SCHEDULE.evaluation_episodes, EVALUATION_SEED)
+    (found,) = population.trainer.evaluate()
+    assert found == pytest.approx(mean_result(alone), rel=1e-4)
+    env.close()
+
+
 def test_who_acted_is_kept_with_the_transition(make):
     trainer = make(planar(replace(GATED.method, threshold=0.02, measure="iqr")))
-    actors, act = [], trainer.strategy.act
+    sources, act = [], trainer.strategy.act
 
     def watched(observation):
         choice = act(observation)
-        actors.append(choice.actor)
+        sources.append(Source.EXPERT if choice.by_expert else Source.AGENT)
         return choice
 
     trainer.strategy.act = watched
     run(trainer, 100)
-    assert {Actor.AGENT, Actor.EXPERT} == set(actors)
-    assert trainer.learning.replay.rows[:100, -1].tolist() == [Source[actor.name] for actor in actors]
+    assert {Source.AGENT, Source.EXPERT} == set(sources)
+    assert trainer.learning.replay.rows[0, :100, -1].tolist() == sources

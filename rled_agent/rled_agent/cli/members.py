@@ -13,7 +13,9 @@ from rled_agent.training.config import TrainConfig
 from rled_agent.training.run_directory import RunDirectory
 
 MAX_MEMBERS = 4096
-ACCEPTED_SEEDS = "numbers and ranges, as 0-7 or 0,2,5"
+ACCEPTED_SEEDS = f"numbers and ranges, as 0-7 or 0,2,5, {MAX_MEMBERS:,} at most"
+DIGITS = 19
+"""Of a seed."""
 
 
 class Member(NamedTuple):
@@ -45,6 +47,9 @@ def members_of(config: TrainConfig, seeds: str, sweeps: Sequence[str], output: P
         RledError: seeds or sweeps that are none, or that ask for too many runs.
     """
     swept = [_sweep(config, each) for each in sweeps]
+    names = [each[0][0] for each in swept]
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise RledError(f"{twice[0]} is swept twice", "each number once, with all of its values")
     if not seeds and not swept:
         return [Member(config, RunDirectory(output))]
     chosen = _seeds(seeds) if seeds else [config.seed]
@@ -65,11 +70,12 @@ def _seeds(text: str) -> list[int]:
     found: list[int] = []
     for part in text.split(","):
         first, dash, last = part.strip().partition("-")
-        if not first.isdecimal() or (dash and not last.isdecimal()):
+        ends = (first, last if dash else first)
+        numbers = range(0)
+        if all(each.isdecimal() and len(each) <= DIGITS for each in ends):
+            numbers = range(int(ends[0]), int(ends[1]) + 1)
+        if not 0 < numbers.stop - numbers.start <= MAX_MEMBERS:
             raise RledError(f"seeds are '{text[:80]}'", ACCEPTED_SEEDS)
-        numbers = range(int(first), int(last if dash else first) + 1)
-        if not numbers or len(numbers) > MAX_MEMBERS:
-            raise RledError(f"seeds are '{text[:80]}'", f"{ACCEPTED_SEEDS}, {MAX_MEMBERS:,} at most")
         found += numbers
     if len(set(found)) < len(found):
         raise RledError(f"seeds are '{text[:80]}'", "each once")
@@ -79,17 +85,19 @@ def _seeds(text: str) -> list[int]:
 def _sweep(config: TrainConfig, text: str) -> list[tuple[str, str, float]]:
     """Name, value as written and value of each step of a sweep."""
     name, equals, values = text.partition("=")
-    parts = [each.strip() for each in values.split(",")]
-    if not equals or len(set(parts)) < len(parts):
+    found = [(name, part.strip(), _value(config, name, part.strip())) for part in values.split(",") if equals]
+    if not found or len({value for *_, value in found}) < len(found):
         raise RledError(f"sweep is '{text[:80]}'", "a number of the method and its values, as phi=0,0.1,0.3")
-    found = []
-    for part in parts:
-        try:
-            value = float(part)
-            changed(config.method, name, value)
-        except ValueError:
-            raise RledError(f"sweep {name[:80]} has '{part[:40]}'", "numbers") from None
-        except ContractError as error:
-            raise RledError(f"--sweep {text[:80]}: {error.what}", error.accepted) from None
-        found.append((name, part, value))
     return found
+
+
+def _value(config: TrainConfig, name: str, text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        raise RledError(f"sweep {name[:80]} has '{text[:40]}'", "numbers") from None
+    try:
+        replace(config, method=changed(config.method, name, value))
+    except ContractError as error:
+        raise RledError(f"--sweep {name[:80]}={text[:40]}: {error.what}", error.accepted) from None
+    return value

@@ -91,6 +91,8 @@ def main() -> None:
     torch.set_num_threads(min(len(members), torch.get_num_threads()))  # a product of one seed is made by one thread
     if options.over == "graph" and len(members) > 1:
         raise RledError(f"{len(members)} runs over one graph", "one", "leave out --seeds and --sweep")
+    if options.resume and len(members) > 1:
+        members = _converging(members)
     for each in members:
         each.directory.require_resumable() if options.resume else each.directory.require_new()
     bag = Bag(options.bag) if options.bag else None
@@ -103,12 +105,18 @@ def main() -> None:
                 _make(options, group, bag, demonstrations, stop)
 
 
+def _converging(members: list[Member]) -> list[Member]:
+    """Runs of a population that have not ended early."""
+    found = [each for each in members if not each.directory.diverged_path.exists()]
+    if not found:
+        raise RledError(f"all {len(members)} runs have diverged", "", "begin new ones with another --output")
+    return found
+
+
 def _groups(options: Options, members: list[Member]) -> list[list[Member]]:
     """Runs that stand at the same step: those of a population that was killed while it saved may not."""
     if not options.resume:
         return [members]
-    if len(members) > 1:
-        members = [each for each in members if not each.directory.diverged_path.exists()]
     steps = {id(each): each.directory.step() for each in members}
     members = sorted(members, key=lambda each: steps[id(each)])
     return [[*group] for _, group in itertools.groupby(members, key=lambda each: steps[id(each)])]

@@ -54,7 +54,7 @@ class Evaluator:
 
         def acting(observation: Tensor) -> Tensor:
             rows = self._units.normalised(observation.view(self._seeds, self._at_once, -1))
-            return self._units.physical(act(rows)).flatten(0, 1)
+            return torch.nan_to_num(self._units.physical(act(rows)).flatten(0, 1))  # of a seed that has diverged
 
         results: list[list[EpisodeResult]] = [[] for _ in range(self._seeds)]
         for k in range(self._rounds):

@@ -47,8 +47,7 @@ def train(population: Population, directories: Sequence[RunDirectory], stop: Eve
     loop = _Loop(population, directories)
     trainer, schedule = population.trainer, population.trainer.schedule
     with loop.opened(), Progress("step", schedule.steps, trainer.step) as progress:
-        while trainer.step < schedule.steps and not stop.is_set() and loop.alive:
-            loop.advance()
+        while trainer.step < schedule.steps and not stop.is_set() and loop.advance():
             progress.move(trainer.step)
             is_done = trainer.step == schedule.steps
             if trainer.step % schedule.log_every == 0 or is_done:
@@ -81,12 +80,13 @@ class _Loop:
                 self._boards.append(stack.enter_context(board))
             yield
 
-    def advance(self) -> None:
-        """One step of all."""
+    def advance(self) -> bool:
+        """One step of all; whether a run goes on."""
         try:
             self._trainer.advance()
         except DivergenceError:  # of all that are left
             self._end_diverged()
+        return bool(self.alive)
 
     def log(self) -> list[dict[str, float]]:
         """Close the interval of each run that goes on; evaluate when it is due."""

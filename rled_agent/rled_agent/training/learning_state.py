@@ -1,7 +1,7 @@
 """What learning has come to, as tensors and plain values by name, and back."""
 
 import shlex
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -56,7 +56,8 @@ def together(checkpoints: Sequence[Checkpoint]) -> Checkpoint:
     first, *others = checkpoints
     for each in others:
         if each.state != first.state:
-            name = next(name for name in first.state if each.state.get(name) != first.state[name])
+            names = first.state | each.state
+            name = next(name for name in names if each.state.get(name, each) != first.state.get(name, first))
             raise TensorFileError(f"the checkpoints differ in {name}", "those of one step", "go on with each alone")
     tensors = {name: torch.cat([each.tensors[name] for each in checkpoints]) for name in first.tensors}
     return Checkpoint(tensors, first.state)
@@ -83,6 +84,20 @@ def restore_learning(checkpoint: Checkpoint, learning: Learning) -> None:
     learning.learner.load_state_dict(learner)
     if learning.batches is not learning.replay:
         learning.batches.load_state_dict(part_of(checkpoint, "batches", may_lack=True))
+
+
+def require_layout(state: Mapping[str, Any], own: Mapping[str, Tensor], what: str) -> None:
+    """Refuse a state whose tensors are not those that are there.
+
+    Raises:
+        TensorFileError: names or shapes are others.
+    """
+    found, wanted = (
+        {name: tuple(getattr(each, "shape", ("no tensor",))) for name, each in tensors.items()}
+        for tensors in (state, own)
+    )
+    if found != wanted:
+        raise TensorFileError(f"the checkpoint has {found} as {what}", str(wanted), "begin again without it")
 
 
 def whole_number(state: dict[str, Any], name: str) -> int:

@@ -9,6 +9,7 @@ from torch import Tensor
 from rled_agent.exploration.strategy import Choice, Strategy, is_anywhere, network_function
 from rled_agent.methods.method import Learning
 from rled_agent.nn.scaling import Scaling
+from rled_agent.per_seed import column
 from rled_agent.replay.transitions import Source, Step
 from rled_agent.training.checkpoint import Checkpoint
 from rled_agent.training.config import Schedule
@@ -18,6 +19,7 @@ from rled_agent.training.learning_state import (
     learning_state,
     pack,
     part_of,
+    require_layout,
     restore_learning,
     restoring,
     seed_of,
@@ -110,7 +112,8 @@ class Trainer:
         """Keep a step, and begin the episodes that follow those that it ended."""
         over = step.terminated | step.truncated
         following = self._units.normalised(step.observation)
-        discount = self.learning.gamma * (~step.terminated).float()
+        goes_on = (~step.terminated).float()
+        discount = goes_on * column(self.learning.gamma, goes_on)
         source = torch.where(choice.by_expert, float(Source.EXPERT), float(Source.AGENT))
         reward = step.reward.float()
         self.learning.replay.add(Step(self._observation, choice.action, reward, discount, following, source, over))
@@ -160,8 +163,9 @@ class Trainer:
         with restoring("the checkpoint"):
             whole = together([each.without("environment") for each in checkpoints])
             restore_learning(whole, self.learning)
-            self.strategy.load_state_dict(part_of(whole, "strategy", may_lack=True))
-            run = part_of(whole, "run")
+            strategy, run = part_of(whole, "strategy", may_lack=True), part_of(whole, "run")
+            require_layout(strategy, self.strategy.state_dict(), "the state of who acts")
+            self.strategy.load_state_dict(strategy)
             self.step = whole_number(run, "step")
             self.learning.learner.draws.taken = whole_number(run, "drawn")
             repeats = self.env.restore([part_of(each, "environment") for each in checkpoints])

@@ -15,13 +15,13 @@ __all__ = ["mutate", "read", "seeds"]
 def seeds() -> list[bytes]:
     with agent.folder() as folder:
         run = RunDirectory(folder)
-        run.save(agent.trainer().checkpoint())
+        run.save(*agent.trainer().checkpoints())
         return [run.checkpoint_path.read_bytes()]
 
 
 def read(data: bytes, folder: Path) -> None:
     run, trainer = RunDirectory(folder), agent.trainer()
     run.checkpoint_path.write_bytes(data)
-    trainer.restore(run.load())
+    trainer.restore([run.load()])
     trainer.advance()
-    run.save(trainer.checkpoint())
+    run.save(*trainer.checkpoints())
