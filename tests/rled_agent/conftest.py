@@ -9,6 +9,7 @@ import torch
 from rled_agent.data.closed_form import JoinedPoints, joined_points
 from rled_agent.data.demonstrations import DemonstrationPoints
 from rled_agent.nn.architecture import Architecture
+from rled_agent.nn.draws import Draws
 from rled_agent.nn.perceptron import Perceptron
 from rled_agent.nn.policy import Policy
 from rled_agent.nn.scaling import scaling_of_bounds
@@ -56,9 +57,7 @@ def make_policy(task: TaskDescription) -> Callable[..., Policy]:
         settings = Architecture(**{"hidden": (8, 6)} | architecture)
         limit = np.full(task.action_size, task.max_delta)
         observation = task.observation_bounds()
-        network = Perceptron(
-            len(observation[0]), task.action_size, settings, torch.Generator().manual_seed(seed), squash=True
-        )
+        network = Perceptron(len(observation[0]), task.action_size, settings, Draws([seed]), squash=True)
         return Policy(network, scaling_of_bounds(observation, (-limit, limit)), task)
 
     return make

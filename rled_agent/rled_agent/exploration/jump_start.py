@@ -1,6 +1,5 @@
 """Jump-start: the expert begins each episode, ever more briefly, and the actor goes on (JSRL, Uchendu et al., 2023)."""
 
-import math
 from dataclasses import dataclass
 
 import torch
@@ -11,6 +10,8 @@ from rled_agent.exploration.strategy import Choice, PolicyFunction, Strategy, by
 
 JUDGED_EPISODES = 5
 """Episodes whose mean return decides about a stage."""
+LOWEST = torch.finfo(torch.float64).min
+"""A checkpoint holds no infinity."""
 
 
 @dataclass
@@ -28,8 +29,9 @@ class JumpStart(Strategy):
         tolerance: share of the best mean return that may lack for the next stage.
         stage: under way, from 0, shape (P,).
         step: of the episode, shape (P,).
-        best: mean return so far, −∞ before the first, shape (P,).
-        returns: of the last episodes of this stage, the latest first, NaN for those there were not, shape (P, 5).
+        best: mean return so far, the lowest number there is before the first, shape (P,).
+        returns: of the last episodes, the latest first, shape (P, 5).
+        episodes: that have ended in this stage, shape (P,).
     """
 
     policy: PolicyFunction
@@ -41,9 +43,9 @@ class JumpStart(Strategy):
 
     def __post_init__(self) -> None:
         seeds, device = self.noise.draws.population, self.noise.draws.device
-        self.stage, self.step = (torch.zeros(seeds, dtype=torch.int64, device=device) for _ in range(2))
-        self.best = torch.full((seeds,), -math.inf, dtype=torch.float64, device=device)
-        self.returns = torch.full((seeds, JUDGED_EPISODES), math.nan, dtype=torch.float64, device=device)
+        self.stage, self.step, self.episodes = (torch.zeros(seeds, dtype=torch.int64, device=device) for _ in range(3))
+        self.best = torch.full((seeds,), LOWEST, dtype=torch.float64, device=device)
+        self.returns = torch.zeros(seeds, JUDGED_EPISODES, dtype=torch.float64, device=device)
 
     def begin(self, where: Tensor) -> None:
         """Episodes begin."""
@@ -61,14 +63,15 @@ class JumpStart(Strategy):
     def end(self, where: Tensor, episode_return: Tensor) -> None:
         """Judge the last few episodes of this stage."""
         returns = torch.cat((episode_return.double()[:, None], self.returns[:, :-1]), dim=1)
-        mean = returns.mean(dim=1)  # NaN while there are too few
-        judged = where & ~mean.isnan()
+        mean, episodes = returns.mean(dim=1), self.episodes + 1
+        judged = where & (episodes >= JUDGED_EPISODES)
         best = torch.where(judged, torch.maximum(self.best, mean), self.best)
         passed = judged & (self.stage < self.stages) & (mean >= best - self.tolerance * best.abs())
-        returns = torch.where(passed[:, None], math.nan, returns)
         self.returns = torch.where(where[:, None], returns, self.returns)
+        self.episodes = torch.where(where, torch.where(passed, 0, episodes), self.episodes)
         self.best, self.stage = best, self.stage + passed.long()
 
     def state_dict(self) -> dict[str, Tensor]:
         """What a checkpoint keeps."""
-        return {"stage": self.stage, "step": self.step, "best": self.best, "returns": self.returns}
+        names = ("stage", "step", "best", "returns", "episodes")
+        return {name: getattr(self, name) for name in names}

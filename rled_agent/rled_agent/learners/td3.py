@@ -142,6 +142,8 @@ class TD3Learner:
             noise = self.draws.normal(*action.shape[1:]).to(action) * column(config.target_noise, 3)
             clip = column(config.target_clip, 3)
             action = (action + noise.clamp(-clip, clip)).clamp_(-1.0, 1.0)
+        else:
+            self.draws.skip(*action.shape[1:])
         q = self.value(following, action)
         if self._proposal is not None:
             q = torch.maximum(q, self.value(following, self._proposal(following)))

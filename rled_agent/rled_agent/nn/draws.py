@@ -65,6 +65,10 @@ class Draws:
         """Standard normal numbers, shape (P, *shape): float32, by the inverse of their distribution."""
         return self.uniform(*shape).mul_(2.0).sub_(1.0).erfinv_().mul_(math.sqrt(2.0))
 
+    def skip(self, *shape: int) -> None:
+        """Go on as if ``normal`` had been asked for: where one seed has noise, each draws it."""
+        self.taken += (math.prod(shape) + 1) // 2
+
     def kept(self, probability: float, count: int) -> Tensor:
         """Inverted dropout: 0 with ``probability``, else the reciprocal of the probability to stay, shape (P, count).
 
