@@ -16,6 +16,7 @@ from rled_agent.nn.draws import Draws
 from rled_agent.nn.perceptron import Perceptron
 from rled_agent.training.checkpoint import Checkpoint
 from rled_agent.training.learning_state import pack, part_of, seed_of, together
+from rled_agent.uncertainty.measures import quartiles
 from rled_agent.uncertainty.uncertainty import CriticEnsemble, Estimate, MonteCarloDropout, Uncertainty
 from rled_msgs_py.errors import RledError
 from rled_msgs_py.records import GateCode
@@ -88,6 +89,27 @@ STRATEGIES: dict[str, Callable[[Made], Strategy]] = {
     "gate in reuse": lambda made: made.reuse(made.gate(made.dropped, "iqr", hysteresis=0.25, dwell=3)),
 }
 ALWAYS_THE_AGENT = {"agent"}
+
+
+@pytest.mark.parametrize(("passes", "joints"), [(30, 7), (100, 3), (17, 1), (10, 2)])
+def test_a_seeds_quartiles_do_not_depend_on_how_many_lie_beside_it(passes, joints):
+    actions = Draws(range(20)).normal(passes, joints)
+    whole = quartiles(actions)
+    for k in range(20):
+        for one, alone in zip(whole, quartiles(actions[k : k + 1]), strict=True):
+            assert torch.equal(one[k], alone[0])
+
+
+@pytest.mark.parametrize("ensemble", [2, 3, 10])
+def test_how_far_a_seeds_critics_disagree_does_not_depend_on_the_others(ensemble):
+    def of(seeds: Sequence[int]) -> Tensor:
+        weights, shape = Draws(seeds), Architecture(hidden=(6,))
+        critics = CriticEnsemble(
+            Perceptron(4, 2, shape, weights, squash=True), Perceptron(6, 1, shape, weights, ensemble=ensemble)
+        )
+        return critics(Draws(seeds, stream=1).normal(4)).uncertainty["std"]
+
+    assert of(range(20)).tolist() == [of([seed]).item() for seed in range(20)]
 
 
 def episodes(step: int) -> tuple[Tensor, Tensor]:
