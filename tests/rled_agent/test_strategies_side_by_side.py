@@ -49,9 +49,9 @@ class Made:
         seeds = [SEEDS[k] for k in chosen]
         self.draws, weights = Draws(seeds), Draws(seeds, stream=9)
         shape = Architecture(hidden=(12, 8), dropout=0.1)
-        self.actor = Perceptron(4, 2, shape, weights, squash=True)
-        self.expert = network_function(Perceptron(4, 2, Architecture(hidden=(6,)), weights, squash=True))
-        self.critic = Perceptron(6, 1, Architecture(hidden=(10,)), weights, ensemble=2)
+        self.actor = Perceptron(10, 7, shape, weights, squash=True)
+        self.expert = network_function(Perceptron(10, 7, Architecture(hidden=(6,)), weights, squash=True))
+        self.critic = Perceptron(17, 1, Architecture(hidden=(10,)), weights, ensemble=2)
         self.policy, self.numbers, self.chosen = network_function(self.actor), numbers, chosen
         self.noise = Noise(self.number("std"), self.draws)
 
@@ -79,7 +79,7 @@ class Made:
 
 STRATEGIES: dict[str, Callable[[Made], Strategy]] = {
     "agent": lambda made: Agent(made.policy, made.noise),
-    "random start": lambda made: RandomStart(made.reuse(Agent(made.policy, made.noise)), 20, 2, made.draws),
+    "random start": lambda made: RandomStart(made.reuse(Agent(made.policy, made.noise)), 20, 7, made.draws),
     "reuse": lambda made: made.reuse(Agent(made.policy, made.noise, made.dropped)),
     "jump start": lambda made: JumpStart(made.policy, made.expert, made.noise, 6, 3, made.number("tolerance")),
     "proposals": lambda made: Proposals(made.policy, made.expert, made.noise, made.value),
@@ -112,6 +112,23 @@ def test_how_far_a_seeds_critics_disagree_does_not_depend_on_the_others(ensemble
     assert of(range(20)).tolist() == [of([seed]).item() for seed in range(20)]
 
 
+@pytest.mark.parametrize("hidden", [(6,), (12, 8), (48, 48), (128, 128)])
+@pytest.mark.parametrize("rows", [1, 2, 20, 30])
+def test_an_action_and_a_gradient_do_not_depend_on_where_a_seed_lies_in_memory(hidden, rows):
+    """Of the sizes of the Panda: the slabs of odd seeds begin within a vector."""
+
+    def of(seeds: Sequence[int]) -> list[Tensor]:
+        shape, draws = Architecture(hidden=hidden, dropout=0.1), Draws(seeds, stream=1)
+        network = Perceptron(10, 7, shape, Draws(seeds), squash=True)
+        action = network(Draws(seeds, stream=2).normal(rows, 10), draws)
+        return [action, *torch.autograd.grad(action.square().sum(), [*network.parameters()])]
+
+    whole = of(range(5))
+    for seed in range(5):
+        for one, alone in zip(whole, of([seed]), strict=True):
+            assert torch.equal(one[seed], alone[0])
+
+
 def episodes(step: int) -> tuple[Tensor, Tensor]:
     """Where episodes begin with a step, and where they end."""
     return step % LENGTHS == 0, step % LENGTHS == LENGTHS - 1
@@ -120,7 +137,7 @@ def episodes(step: int) -> tuple[Tensor, Tensor]:
 def run(made: Made, strategy: Strategy, steps: range = range(STEPS)) -> list[tuple[Tensor, ...]]:
     """What was chosen in each step, in (P, ...); each seed has observations, episodes and returns of its own."""
     chosen, told, rows = list(made.chosen), Draws(SEEDS, stream=5), []
-    observations, returns = told.normal(STEPS, 4)[chosen], told.normal(STEPS)[chosen]
+    observations, returns = told.normal(STEPS, 10)[chosen], told.normal(STEPS)[chosen]
     for step in steps:
         begins, ends = (each[chosen] for each in episodes(step))
         strategy.begin(begins)

@@ -2,6 +2,7 @@
 
 import copy
 import math
+import os
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import cast
@@ -15,6 +16,10 @@ from torch.nn import functional
 
 from rled_agent.nn.architecture import MAX_WEIGHTS, SLOPE, Architecture, Weights
 from rled_agent.nn.draws import Draws
+
+# MKL rounds by where a matrix lies in memory unless told otherwise before its first product: a seed's numbers would
+# depend on how many lie before it
+os.environ.setdefault("MKL_CBWR", "AUTO,STRICT")
 
 
 class Perceptron(nn.Module):
