@@ -134,13 +134,13 @@ def test_the_same_seed_gives_the_same_results(evaluate, planar_expert, tmp_path)
 
 
 def test_weights_of_another_robot_are_refused(refused, planar_expert, tmp_path) -> None:
-    import torch
+    from rled_agent.nn.draws import Draws
     from rled_agent.nn.perceptron import Perceptron
     from rled_agent.nn.scaling import scaling_of_bounds
 
     task = reach_task(ROBOTS["panda"]).description
     limit = np.full(7, task.max_delta)
-    network = Perceptron(10, 7, Architecture(hidden=(4,)), torch.Generator(), squash=True)
+    network = Perceptron(10, 7, Architecture(hidden=(4,)), Draws([0]), squash=True)
     Policy(network, scaling_of_bounds(task.observation_bounds(), (-limit, limit)), task).save(tmp_path / "panda")
     for options in (["--expert", tmp_path / "panda"], ["--expert", planar_expert, "--agent", tmp_path / "panda"]):
         assert "is for robot panda; accepted: planar" in refused(*options)

@@ -16,6 +16,7 @@ from rclpy.node import Node
 from rled_agent.data.opening import open_demonstrations
 from rled_agent.learners.cloning import CloningConfig, clone_expert
 from rled_agent.nn.architecture import Architecture
+from rled_agent.nn.draws import Draws
 from rled_agent.nn.perceptron import Perceptron
 from rled_agent.nn.policy import Policy, load_policy
 from rled_msgs_py.processes import program
@@ -44,7 +45,7 @@ def actor_like(expert: Path, path: Path) -> Path:
     policy = load_policy(expert)
     settings = replace(policy.network.architecture, dropout=0.1)
     sizes = policy.network.sizes[0], policy.network.sizes[-1]
-    network = Perceptron(*sizes, settings, torch.Generator(), squash=True)
+    network = Perceptron(*sizes, settings, Draws([0]), squash=True)
     network.load_state_dict(policy.network.state_dict())
     Policy(network, policy.scaling, policy.task).save(path)
     return path

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 from rled_agent.nn.architecture import Architecture
+from rled_agent.nn.draws import Draws
 from rled_agent.nn.perceptron import Perceptron
 from rled_agent.nn.policy import Policy, load_policy
 from rled_agent.nn.scaling import scaling_of_bounds
@@ -112,7 +112,7 @@ def test_the_expert_does_not_learn(driven) -> None:
 def panda_weights(tmp_path_factory: pytest.TempPathFactory) -> Path:
     task = reach_task(ROBOTS["panda"]).description
     limit = np.full(7, task.max_delta)
-    network = Perceptron(10, 7, Architecture(hidden=(4,), dropout=0.1), torch.Generator(), squash=True)
+    network = Perceptron(10, 7, Architecture(hidden=(4,), dropout=0.1), Draws([0]), squash=True)
     path = tmp_path_factory.mktemp("panda") / "panda.safetensors"
     Policy(network, scaling_of_bounds(task.observation_bounds(), (-limit, limit)), task).save(path)
     return path

@@ -111,7 +111,7 @@ def test_what_a_person_did_is_marked_for_the_learner(graph, say, state) -> None:
     await_decision(graph, lambda each: each.actor is Actor.AGENT, "the agent's turn")
     assert graph.call(SetBool, "agent_node/learn", data=False).success
     graph.wait(state.exists, "the state of learning")
-    rows = read_checkpoint(state).tensors["by_person.rows"].numpy()
+    (rows,) = read_checkpoint(state).tensors["by_person.rows"].numpy()
     assert 28 <= len(rows) <= 30  # a transition that ends an episode's turn over is not one
     policy = load_policy(state.with_name("actor.safetensors"))
     actions = policy.scaling.denormalize_action(rows[:, 4:6])

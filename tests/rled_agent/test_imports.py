@@ -15,7 +15,7 @@ import rled_agent
 
 PACKAGE = Path(rled_agent.__file__).parent
 FLOORS = [
-    {"bounds"},
+    {"bounds", "per_seed"},
     {"nn", "replay"},
     {"uncertainty", "data"},
     {"exploration", "rewards", "learners"},

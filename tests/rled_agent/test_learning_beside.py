@@ -14,15 +14,16 @@ from rled_agent.deploy.learner_client import LearnerClient
 from rled_agent.deploy.learner_process import LearnerProcess, Options
 from rled_agent.deploy.online_learning import OnlineLearning
 from rled_agent.deploy.shared_parameters import SharedParameters
-from rled_agent.deploy.step_pipe import Numbered, from_row, row_width, to_row
+from rled_agent.deploy.step_pipe import RobotStep, from_row, row_width, to_row
 from rled_agent.learners.td3 import TD3Config
 from rled_agent.methods import Problem
 from rled_agent.methods.td3 import TD3
 from rled_agent.nn.architecture import Architecture
+from rled_agent.nn.draws import Draws
 from rled_agent.nn.policy import load_policy
 from rled_agent.nn.tensor_file import TensorFileError
 from rled_agent.replay.transitions import Source, Step
-from rled_agent.training.checkpoint import read_checkpoint
+from rled_agent.training.checkpoint import read_checkpoint, write_checkpoint
 from rled_agent.training.config import Schedule, TrainConfig
 from rled_agent.training.learning_state import learning_state, pack
 from rled_agent.training.run_directory import RunDirectory
@@ -38,9 +39,9 @@ def await_that(condition: Callable[[], bool]) -> None:
         time.sleep(0.02)
 
 
-def numbered(number: int, observation: float = 0.5) -> Numbered:
+def numbered(number: int, observation: float = 0.5) -> RobotStep:
     state = np.full(4, observation, dtype=np.float32)
-    return Numbered(Step(state, np.zeros(2, np.float32), -1.0, 1.0, state), number)
+    return RobotStep(state, np.zeros(2, np.float32), -1.0, 1.0, state, Source.AGENT, False, number)
 
 
 def test_a_step_that_is_not_finite_is_not_offered(planar_expert, tmp_path):
@@ -119,6 +120,7 @@ def test_it_begins_with_the_very_network_of_the_policy(make_policy, tmp_path, se
     policy = load_policy(tmp_path / "policy")
     process = LearnerProcess(Options(tmp_path / "policy", "slot", tmp_path / "state"))
     for network in (process.learner.actor, process.learner.target_actor):
+        assert network.population == 1
         assert network.architecture == policy.network.architecture
         assert (network.vector() == policy.network.vector()).all()
 
@@ -128,7 +130,8 @@ def steps(count: int, seed: int = 0, first: int = 0, **parts: object) -> np.ndar
     drawing, rows = np.random.default_rng(seed), []
     for k in range(count):
         state, action, following = (drawing.normal(size=size).astype(np.float32) for size in (4, 2, 4))
-        rows.append(to_row(Numbered(Step(state, action, -1.0, 1.0, following)._replace(**parts), first + k)))
+        whole = RobotStep(state, action, -1.0, 1.0, following, Source.AGENT, False, first + k)
+        rows.append(to_row(whole._replace(**parts)))
     return np.array(rows)
 
 
@@ -151,7 +154,7 @@ def test_transitions_are_counted_with_the_methods_discount(make_policy, tmp_path
     RunDirectory(tmp_path).create({"config": TrainConfig(TD3(learner=TD3Config(gamma=0.5))).to_dict()})
     process = LearnerProcess(Options(tmp_path / "policy", "slot", tmp_path / "state"))
     process.add(np.concatenate([steps(1), steps(1, discount=0.0, is_last=True), steps(1, source=Source.EXPERT)]))
-    kept = process.learning.replay.rows[:3]
+    kept = process.learning.replay.rows[0, :3].numpy()
     assert kept[:, 7].tolist() == [0.5, 0.0, 0.5]
     assert kept[:, -1].tolist() == [Source.AGENT, Source.AGENT, Source.EXPERT]
     np.testing.assert_array_equal(kept[0, :4], steps(1)[0, :4])
@@ -164,15 +167,15 @@ def test_it_goes_on_from_the_run_of_the_policy(make_policy, tmp_path):
     settings = replace(CONFIG, gamma=0.5, actor=policy.network.architecture)
     config = TrainConfig(TD3(learner=settings), schedule=Schedule(capacity=50))
     run.create({"config": config.to_dict()})
-    problem = Problem(4, 2, 50, np.random.default_rng(7), torch.Generator().manual_seed(7))
-    learning = config.method.learning(problem)
-    learning.replay.rows[:40], learning.replay.added, learning.learner.updates = 1.0, 40, 33
-    run.save(pack(**learning_state(learning)))
+    learning = config.method.learning(Problem(4, 2, 50, Draws([7])))
+    learning.replay.rows[:, :40], learning.replay.added, learning.learner.updates = 1.0, 40, 33
+    run.save(pack(**learning_state(learning), run={"drawn": 12_345}))
 
     process = LearnerProcess(Options(run.policy_path, "slot", tmp_path / "state"))
     assert process.learner.config == settings
     assert (process.learner.critic.vector() == learning.learner.critic.vector()).all()
     assert (process.learning.replay.added, process.learner.updates) == (40, 33)
+    assert process.learner.draws.taken == 12_345
     assert not process.is_due()
     process.add(steps(1))
     assert process.is_due()
@@ -194,16 +197,46 @@ def test_what_a_person_did_is_learned_from_at_once_and_kept(make_policy, tmp_pat
     process.add(by_person := steps(3, seed=1, first=40, source=Source.HUMAN))
     process.update()
     before, after = batches
-    assert len(before.reward) == len(after.reward)
-    quarter = len(after.reward) // 4
+    assert before.reward.shape == after.reward.shape == (1, 100, 1)
     assert not before.demonstrated.any()
-    assert after.demonstrated[-quarter:].all()
+    assert after.demonstrated[0, -25:].all()
     shown = {tuple(row[:4]) for row in by_person.tolist()}
-    assert {tuple(row) for row in after.observation[-quarter:].tolist()} == shown
+    assert {tuple(row) for row in after.observation[0, -25:].tolist()} == shown
     process.save()
     again = LearnerProcess(options)
     assert (again.learning.replay.added, len(again.by_person)) == (43, 3)
     np.testing.assert_array_equal(again.by_person.rows, process.by_person.rows)
+
+
+def test_a_process_that_begins_again_learns_as_one_that_went_on(make_policy, tmp_path):
+    make_policy(dropout=0.1).save(tmp_path / "policy")
+    options = Options(tmp_path / "policy", "slot", tmp_path / "state", train_after=10)
+    process = LearnerProcess(options)
+    process.add(np.concatenate([steps(20), steps(4, seed=1, first=20, source=Source.HUMAN)]))
+    for _ in range(10):
+        process.update()
+    process.save()
+    again = LearnerProcess(options)
+    for each in (process, again):
+        each.add(steps(3, seed=2, first=24))
+        for _ in range(10):
+            each.update()
+    assert process.learner.updates == again.learner.updates == 20
+    assert process.learner.draws.taken == again.learner.draws.taken > 0
+    for name, network in process.learner.networks().items():
+        assert (again.learner.networks()[name].vector() == network.vector()).all(), name
+
+
+@pytest.mark.parametrize("part", ["run", "learner", "replay", "by_person"])
+def test_a_state_that_lacks_a_part_is_told_of(make_policy, tmp_path, part):
+    make_policy().save(tmp_path / "policy")
+    options = Options(tmp_path / "policy", "slot", tmp_path / "state")
+    LearnerProcess(options).save()
+    write_checkpoint(options.checkpoint, read_checkpoint(options.checkpoint).without(part))
+    with pytest.raises(
+        TensorFileError, match=rf"state is not as it was written \(no '{part}'\); .*begin again without"
+    ):
+        LearnerProcess(options)
 
 
 def test_learning_does_not_go_on_with_what_another_policy_has_learned(make_policy, tmp_path):
@@ -279,15 +312,15 @@ def test_memory_that_is_too_small_is_refused(both):
 def test_a_step_comes_back_from_its_row(source):
     parts = np.array([1, 2, 3], np.float32), np.array([4, 5], np.float32), np.array([6, 7, 8], np.float32)
     state, action, following = parts
-    step = Step(state, action, -2.5, float(source % 2), following, source, source == Source.HUMAN)
-    row = to_row(Numbered(step, 41))
+    step = RobotStep(state, action, -2.5, float(source % 2), following, source, source == Source.HUMAN, 41)
+    row = to_row(step)
     assert (row.dtype, len(row)) == (np.float32, row_width(3, 2))
     back, number = from_row(row, 3)
     assert number == 41
-    assert back[2:4] == step[2:4]
-    assert back[5:] == step[5:]
-    for name in ("observation", "action", "next_observation"):
-        np.testing.assert_array_equal(getattr(back, name), getattr(step, name))
+    assert [each.dtype for each in back] == [torch.float32] * 6 + [torch.bool]
+    for name in Step._fields:
+        (one,) = getattr(back, name).tolist()  # of a population of one
+        assert np.array_equal(one, getattr(step, name)), name
 
 
 def test_a_row_is_written_to_the_pipe_in_one_piece():

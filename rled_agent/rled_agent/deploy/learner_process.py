@@ -39,6 +39,7 @@ from rled_agent.training.learning_state import (
     require_origin,
     restore_learning,
     restoring,
+    whole_number,
 )
 from rled_agent.training.run_directory import RunDirectory
 
@@ -89,7 +90,7 @@ class LearnerProcess:
         problem = Problem(*sizes, config.schedule.capacity, Draws([options.seed]))
         learning, self.by_person = method.learning(problem), problem.replay()
         batches = Mixture(learning.batches, Part(self.by_person, options.person_share))
-        self.learning = learning._replace(batches=batches)
+        self._kept, self.learning = learning, learning._replace(batches=batches)
         self.learner, self.width = learning.learner, row_width(*sizes)
         self.learner.start_from(policy.network)
         before = next((path for path in (options.checkpoint, run.checkpoint_path) if path.exists()), None)
@@ -105,7 +106,8 @@ class LearnerProcess:
         if is_own:
             require_origin(checkpoint.state, path, self.options.policy)
         with restoring(str(path)):
-            restore_learning(checkpoint, self.learning)
+            restore_learning(checkpoint, self._kept)
+            self.learner.draws.taken = whole_number(part_of(checkpoint, "run"), "drawn")
             if is_own:
                 self.by_person.load_state_dict(part_of(checkpoint, "by_person"))
 
@@ -134,16 +136,14 @@ class LearnerProcess:
 
     def save(self) -> None:
         """Write all state."""
-        state = learning_state(self.learning)
-        write_checkpoint(
-            self.options.checkpoint, pack(**state, by_person=self.by_person.state_dict(), origin=self._origin)
-        )
+        own = {"by_person": self.by_person.state_dict(), "run": {"drawn": self.learner.draws.taken}}
+        write_checkpoint(self.options.checkpoint, pack(**learning_state(self._kept), **own, origin=self._origin))
 
 
 def learn(process: LearnerProcess, parameters: SharedParameters, stop: Event, save: Event) -> None:
     """Take steps and make the gradient steps that are owed, until the input ends or ``stop`` is set."""
     source, width = sys.stdin.fileno(), process.width
-    pending, saved = b"", time.monotonic()
+    pending, saved = bytearray(), time.monotonic()  # whose parts tensors may share memory with
     while not stop.is_set():
         waiting = 0.0 if process.is_due() else 0.1
         if select.select([source], [], [], waiting)[0]:

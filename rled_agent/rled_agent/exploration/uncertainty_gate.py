@@ -40,13 +40,15 @@ class UncertaintyGate(Strategy):
         seeds, device = self.noise.draws.population, self.noise.draws.device
         self.standing_in = torch.zeros(seeds, dtype=torch.bool, device=device)
         self.stood_in = torch.zeros(seeds, dtype=torch.int64, device=device)
+        self._enters = torch.as_tensor(self.threshold, dtype=torch.float64, device=device)
+        self._leaves = self._enters * (1.0 - self.hysteresis)
 
     def act(self, observation: Tensor) -> Choice:
         """Act by Eq. 4.40."""
         mean, uncertainty = self.uncertainty(observation)
         threshold: Tensor | float = column(self.threshold, uncertainty[self.measure])
         if self.hysteresis:
-            threshold = torch.where(self.standing_in, threshold * (1.0 - self.hysteresis), threshold)
+            threshold = torch.where(self.standing_in, self._leaves, self._enters)
         sure = uncertainty[self.measure] < threshold  # false for NaN: what is not known to be sure is unsure
         held: Tensor | int = 0
         if self.dwell:

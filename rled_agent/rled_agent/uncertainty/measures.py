@@ -23,14 +23,18 @@ class Quartiles(NamedTuple):
 
 
 def quartiles(actions: Tensor) -> Quartiles:
-    """Quartiles and mean over N actions, shape (P, N, n), in one product with the ordered values."""
+    """Quartiles and mean over N actions, shape (P, N, n), as weighted sums of the ordered values.
+
+    A matrix product of one seed is summed in another order than several: one seed would differ from one of many.
+    """
     ordered = actions.sort(dim=1).values.double()
-    return Quartiles(*(_weights(actions.shape[1], actions.device) @ ordered).unbind(dim=1))
+    weights = _weights(actions.shape[1], actions.device)
+    return Quartiles(*(weights * ordered[:, None]).sum(dim=2).unbind(dim=1))
 
 
 @cache
 def _weights(count: int, device: torch.device) -> Tensor:
-    """What each of the ordered values counts in the two quartiles and in the mean, shape (3, N)."""
+    """What each of the ordered values counts in the two quartiles and in the mean, shape (3, N, 1)."""
     weights = torch.zeros(3, count, dtype=torch.float64)
     for row, share in zip(weights, (0.25, 0.75), strict=False):
         place = share * (count - 1)
@@ -38,7 +42,7 @@ def _weights(count: int, device: torch.device) -> Tensor:
         row[below] = 1.0 - (place - below)
         row[min(below + 1, count - 1)] += place - below
     weights[2] = 1.0 / count
-    return weights.to(device)
+    return weights[:, :, None].to(device)
 
 
 def qcd(low: Tensor, high: Tensor) -> Tensor:

@@ -85,7 +85,9 @@ class CriticEnsemble(Uncertainty):
         with torch.inference_mode():
             action = self._actor(observation[:, None])  # (P, 1, n)
             values = self._critic(torch.cat((observation[:, None], action), dim=2))
-            std = values.view(self._critic.population, -1).std(dim=1, correction=0)
+            values = values.view(self._critic.population, -1)
+            # torch.std sums a single row in another order than several: one seed would differ from one of many
+            std = (values - values.mean(dim=1, keepdim=True)).square().mean(dim=1).sqrt()
         return Estimate(action[:, 0], {STD: std})
 
 
