@@ -18,9 +18,9 @@ class PerSeed:
 PER_SEED = PerSeed()
 
 
-def column(value: float, dimensions: int) -> Any:
-    """A number as it is, or one for each seed, shape (P,), with as many dimensions as what it is combined with."""
-    return value.view(-1, *[1] * (dimensions - 1)) if isinstance(value, Tensor) else value
+def column(value: float, like: Tensor) -> Any:
+    """A number as it is, or one for each seed, shape (P,), with the dimensions and the kind of what it goes with."""
+    return value.to(like.dtype).view(-1, *[1] * (like.ndim - 1)) if isinstance(value, Tensor) else value
 
 
 def of_seed(value: float, seed: int) -> float:
@@ -60,7 +60,7 @@ def changed(settings: T, name: str, value: float) -> T:
 
 
 def merged(settings: Sequence[T], device: torch.device | str = "cpu") -> T:
-    """Settings of several seeds as one, in which a number that differs is a tensor of shape (P,).
+    """Settings of several seeds as one, in which a number that differs is a tensor of float64, shape (P,).
 
     Raises:
         ContractError: something else differs.
@@ -83,4 +83,4 @@ def _one(name: str, values: list[Any], may_differ: bool, device: torch.device | 
         return merged(values, device)
     if not may_differ:
         raise ContractError(f"{name} differs between seeds", "one value for all of them")
-    return torch.tensor(values, dtype=torch.float32, device=device)
+    return torch.tensor(values, dtype=torch.float64, device=device)

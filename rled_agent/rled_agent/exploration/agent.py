@@ -28,9 +28,9 @@ class Noise:
     def added_to(self, action: Tensor) -> Tensor:
         """The actions, shape (P, n), with noise."""
         if not isinstance(self.std, Tensor) and not self.std:
-            self.draws.skip(action.shape[1])
+            self.draws.skip(action.shape[1])  # a seed beside it may have noise
             return action
-        noise = self.draws.normal(action.shape[1]) * column(self.std, 2)
+        noise = self.draws.normal(action.shape[1]) * column(self.std, action)
         noisy: Tensor = (action + noise).clamp_(-1.0, 1.0)
         return noisy
 

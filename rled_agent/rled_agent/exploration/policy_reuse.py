@@ -9,6 +9,7 @@ from torch import Tensor
 
 from rled_agent.exploration.strategy import Choice, PolicyFunction, Strategy, is_anywhere
 from rled_agent.nn.draws import Draws
+from rled_agent.per_seed import column
 
 
 @dataclass
@@ -33,8 +34,8 @@ class PolicyReuse(Strategy):
 
     def begin(self, where: Tensor) -> None:
         """Draw ξ (Eq. 4.11)."""
-        drawn = self.draws.uniform() < self.phi
-        self.expert_episode = torch.where(where, drawn, self.expert_episode)
+        xi = self.draws.uniform()
+        self.expert_episode = torch.where(where, xi < column(self.phi, xi), self.expert_episode)
         self.strategy.begin(where)
 
     def act(self, observation: Tensor) -> Choice:

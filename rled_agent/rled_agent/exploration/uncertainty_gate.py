@@ -8,6 +8,7 @@ from torch import Tensor
 
 from rled_agent.exploration.agent import Noise
 from rled_agent.exploration.strategy import Choice, PolicyFunction, Strategy, is_anywhere
+from rled_agent.per_seed import column
 from rled_agent.uncertainty.uncertainty import Uncertainty
 
 
@@ -45,7 +46,7 @@ class UncertaintyGate(Strategy):
     def act(self, observation: Tensor) -> Choice:
         """Act by Eq. 4.40."""
         mean, uncertainty = self.uncertainty(observation)
-        threshold: Tensor | float = self.threshold
+        threshold: Tensor | float = column(self.threshold, uncertainty[self.measure])
         if self.hysteresis:
             threshold = torch.where(self.standing_in, self._leaves, self._enters)
         sure = uncertainty[self.measure] < threshold  # false for NaN: what is not known to be sure is unsure

@@ -8,7 +8,7 @@ from rled_msgs_py.validation import Range
 from torch import Tensor
 
 from rled_agent.nn.perceptron import Perceptron
-from rled_agent.per_seed import PER_SEED
+from rled_agent.per_seed import PER_SEED, column
 from rled_agent.replay.transitions import Transitions
 
 
@@ -49,8 +49,8 @@ class Cloning:
         return self._loss if isinstance(self.weight, Tensor) or self.weight else policy_gradient
 
     def _loss(self, action: Tensor, q: Tensor, transitions: Transitions, critic: Perceptron) -> Tensor:
-        size = q.detach().abs().mean(dim=(1, 2))  # (P,)
-        improvement = -q.mean(dim=(1, 2)) / torch.where(size > 0.0, size, 1.0)
+        plain, size = policy_gradient(action, q, transitions, critic), q.detach().abs().mean(dim=(1, 2))  # (P,)
+        improvement = plain / torch.where(size > 0.0, size, 1.0)
         demonstrated = transitions.demonstrated
         error = (action - transitions.action).square().sum(dim=2, keepdim=True)  # (P, b, 1)
         cloned = demonstrated
@@ -58,4 +58,6 @@ class Cloning:
             shown = critic(torch.cat((transitions.observation, transitions.action), dim=2))
             cloned = demonstrated * (shown > q)
         mean_error = (error * cloned).sum(dim=(1, 2)) / demonstrated.sum(dim=(1, 2)).clamp(min=1.0)
-        return improvement + self.weight * mean_error
+        weight = column(self.weight, mean_error)
+        loss = improvement + weight * mean_error
+        return torch.where(weight > 0.0, loss, plain) if isinstance(weight, Tensor) else loss

@@ -139,15 +139,15 @@ class TD3Learner:
         config, following = self.config, transitions.next_observation
         action = self.target_actor(following, self.draws if config.target_dropout else None)  # (P, b, n)
         if isinstance(config.target_noise, Tensor) or config.target_noise:
-            noise = self.draws.normal(*action.shape[1:]).to(action) * column(config.target_noise, 3)
-            clip = column(config.target_clip, 3)
+            noise = self.draws.normal(*action.shape[1:]).to(action) * column(config.target_noise, action)
+            clip = column(config.target_clip, action)
             action = (action + noise.clamp(-clip, clip)).clamp_(-1.0, 1.0)
         else:
-            self.draws.skip(*action.shape[1:])
+            self.draws.skip(*action.shape[1:])  # a seed beside it may have noise
         q = self.value(following, action)
         if self._proposal is not None:
             q = torch.maximum(q, self.value(following, self._proposal(following)))
-        target: Tensor = transitions.reward * column(config.reward_scale, 3) + transitions.discount * q
+        target: Tensor = transitions.reward * column(config.reward_scale, q) + transitions.discount * q
         return target
 
     @torch.no_grad()
@@ -216,4 +216,4 @@ class _Follower:
             torch._foreach_lerp_(self._targets, self._followed, self._tau)
             return
         for target, followed in zip(self._targets, self._followed, strict=True):
-            target.lerp_(followed, column(self._tau, target.ndim))
+            target.lerp_(followed, column(self._tau, target))

@@ -66,7 +66,7 @@ class Draws:
         return self.uniform(*shape).mul_(2.0).sub_(1.0).erfinv_().mul_(math.sqrt(2.0))
 
     def skip(self, *shape: int) -> None:
-        """Go on as if ``normal`` had been asked for: where one seed has noise, each draws it."""
+        """Leave out what ``uniform`` or ``normal`` of a shape would draw, so that what follows is the same."""
         self.taken += (math.prod(shape) + 1) // 2
 
     def kept(self, probability: float, count: int) -> Tensor:
@@ -127,7 +127,8 @@ def _mixed_on_device(words: Tensor) -> Tensor:
 
 
 def _shifted(words: Tensor, bits: int) -> Tensor:
-    return (words >> bits) & (2 ** (64 - bits) - 1)
+    shifted: Tensor = (words >> bits) & (2 ** (64 - bits) - 1)
+    return shifted
 
 
 def _signed(word: int) -> int:

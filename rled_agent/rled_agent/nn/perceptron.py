@@ -136,7 +136,7 @@ class Perceptron(nn.Module):
             x = x.expand(self.members, -1, -1)
         elif self.ensemble > 1:
             x = x[:, None].expand(-1, self.ensemble, -1, -1).flatten(0, 1)
-        return torch.baddbmm(bias, x, weight)
+        return self._product(x, weight, bias)
 
     def _rest(self, x: Tensor, masks: list[Tensor]) -> Tensor:
         """From the linear output of the first layer, (P e, b, outputs) or with one row for all of the masks, on."""
