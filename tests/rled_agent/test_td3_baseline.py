@@ -10,13 +10,15 @@ import pytest
 import torch
 from rled_agent.methods.method import Problem
 from rled_agent.methods.td3 import TD3
+from rled_agent.nn.draws import Draws
 from rled_agent.nn.perceptron import Perceptron
 from rled_agent.nn.scaling import scaling_of_bounds
 from rled_agent.training.config import Schedule
+from rled_agent.training.environment_batch import OneByOne
 from rled_agent.training.environments import bounds
 from rled_agent.training.trainer import Environments, Trainer
 
-STEPS, RANDOM, BATCH, LIMIT = 300, 100, 64, 7
+STEPS, RANDOM, BATCH, LIMIT = 200, 100, 64, 7  # then rounding has grown from 1e-7 to 1e-5
 COLUMNS = ("observation", "action", "reward", "discount", "next observation")
 
 
@@ -26,8 +28,12 @@ class Slope(gymnasium.Env):
     observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (2,))
     action_space = gymnasium.spaces.Box(-3.0, 3.0, (1,))
 
+    def __init__(self) -> None:
+        self.seeds: list[int] = []
+
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)
+        self.seeds.append(seed)
         self.state, self.count = self.np_random.uniform(-0.5, 0.5, 2), 0
         return self.state.astype(np.float32), {}
 
@@ -39,20 +45,22 @@ class Slope(gymnasium.Env):
         return self.state.astype(np.float32), reward, bool(abs(x) > 1.0), self.count == LIMIT, {}
 
 
-class Draws:
-    """The same numbers for both: of random actions, exploration noise and seeds of episodes, each in its own order."""
+class Shared(Draws):
+    """The same numbers for both: of random actions, exploration noise and target noise, each in its own order."""
 
     def __init__(self) -> None:
-        self.actions, self.noise, self.seeds = np.random.default_rng(0).spawn(3)
+        super().__init__([0])
+        self.actions, self.noise = np.random.default_rng(0).spawn(2)
 
-    def uniform(self, low, high, size):
-        return self.actions.uniform(low, high, size)
+    def uniform(self, *shape):
+        if shape != (1,):  # of weights
+            return super().uniform(*shape)
+        return torch.from_numpy(self.actions.uniform(0.0, 1.0, (1, 1)).astype(np.float32))
 
-    def normal(self, mean, std, size):
-        return self.noise.normal(mean, std, size)
-
-    def integers(self, high):
-        return self.seeds.integers(high)
+    def normal(self, *shape):
+        if shape != (1,):  # of targets, whose seed ``places`` has set
+            return torch.empty(1, *shape).normal_()
+        return torch.from_numpy(self.noise.normal(0.0, 1.0, (1, 1)).astype(np.float32))
 
 
 def places(update: int) -> np.ndarray:
@@ -75,30 +83,31 @@ def give(ours: Perceptron, theirs: list[torch.nn.Module]) -> None:
 
 
 def our_trainer() -> Trainer:
-    """With first weights of their own, and all that is drawn later from ``Draws`` and ``places``."""
-    method, env, draws = TD3(random_steps=RANDOM), Slope(), Draws()
-    problem = Problem(2, 1, STEPS, draws, torch.Generator().manual_seed(1))
+    """With first weights of their own, and all that is drawn later from ``Shared`` and ``places``."""
+    method, env = TD3(random_steps=RANDOM), Slope()
+    problem = Problem(2, 1, STEPS, Shared())
     learning = method.learning(problem)
     learner, replay = learning.learner, learning.replay
-    learner.generator = torch.default_generator
-    replay.sample = lambda size: replay.at(torch.from_numpy(places(learner.updates)))
+    replay.sample = lambda size: replay.at(torch.from_numpy(places(learner.updates))[None])
     scaling = scaling_of_bounds(bounds(env.observation_space), bounds(env.action_space))
     schedule = Schedule(steps=STEPS, train_after=RANDOM, batch_size=BATCH)
     strategy = method.strategy(problem, learner)
-    return Trainer(Environments(env, Slope(), scaling), learning, strategy, schedule, draws, has_expert=False)
+    training, evaluation = (OneByOne([each], torch.device("cpu")) for each in (env, Slope()))
+    return Trainer(Environments(training, evaluation, scaling), learning, strategy, schedule, has_expert=False)
 
 
-def their_model(draws: Draws):
-    """With no noise on random actions, as ours."""
+def their_model(seeds: list[int]):
+    """With no noise on random actions, as ours, and episodes of the seeds given."""
     baselines = pytest.importorskip("stable_baselines3")
+    coming, draws = iter(seeds), Shared()
 
     class Seeded(gymnasium.Wrapper):
         def reset(self, **options):
-            return self.env.reset(seed=int(draws.integers(2**31)))
+            return self.env.reset(seed=next(coming))
 
     class Noise:
         def __call__(self):
-            return draws.normal(0.0, 0.1, 1) if model.num_timesteps >= RANDOM else np.zeros(1)
+            return 0.1 * draws.normal(1)[0].numpy() if model.num_timesteps >= RANDOM else np.zeros(1)
 
         def reset(self):
             pass
@@ -106,21 +115,22 @@ def their_model(draws: Draws):
     settings = {"learning_rate": 1e-3, "learning_starts": RANDOM, "batch_size": BATCH, "device": "cpu"}
     model = baselines.TD3("MlpPolicy", Seeded(Slope()), policy_kwargs={"net_arch": [400, 300]}, **settings)
     model.action_noise = Noise()
-    model.action_space.sample = lambda: 3.0 * draws.uniform(-1.0, 1.0, 1).astype(np.float32)
+    model.action_space.sample = lambda: 3.0 * (2.0 * draws.uniform(1)[0].numpy() - 1.0)
     buffer = model.replay_buffer
     buffer.sample = lambda size, env=None: buffer._get_samples(places(model._n_updates - 1))
     return model
 
 
 def test_transitions_are_those_of_stable_baselines3_on_the_same_draws():
-    trainer, model = our_trainer(), their_model(Draws())
-    networks = trainer.learning.learner.networks()
-    give(networks["actor"], [model.actor])
-    give(networks["target_actor"], [model.actor_target])
-    give(networks["critic"], model.critic.q_networks)
-    give(networks["target_critic"], model.critic_target.q_networks)
+    trainer = our_trainer()
+    first = {name: each.frozen() for name, each in trainer.learning.learner.networks().items()}
     for _ in range(STEPS):
         trainer.advance()
+    model = their_model([*trainer.env._envs[0].seeds, 0])
+    give(first["actor"], [model.actor])
+    give(first["target_actor"], [model.actor_target])
+    give(first["critic"], model.critic.q_networks)
+    give(first["target_critic"], model.critic_target.q_networks)
     model.learn(STEPS)
 
     held = model.replay_buffer
@@ -132,9 +142,9 @@ def test_transitions_are_those_of_stable_baselines3_on_the_same_draws():
         0.99 * (1.0 - is_terminated[:STEPS]),
         held.next_observations[:STEPS, 0],
     )
-    ours = trainer.learning.replay.at(torch.arange(STEPS))
+    ours = trainer.learning.replay.at(torch.arange(STEPS)[None])
     for name, own, other in zip(COLUMNS, ours, theirs, strict=False):
-        np.testing.assert_allclose(own.numpy(), other, rtol=0.0, atol=1e-4, err_msg=name)
+        np.testing.assert_allclose(own[0].numpy(), other, rtol=0.0, atol=1e-4, err_msg=name)
     assert is_terminated.any()
     assert held.timeouts.any()
     assert trainer.learning.learner.updates == model._n_updates == STEPS - RANDOM
