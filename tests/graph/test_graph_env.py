@@ -88,7 +88,7 @@ def test_random_transitions_of_a_seed_are_those_in_process_bit_for_bit(both) -> 
     def beyond_the_limits_too() -> np.ndarray:
         return (rng.uniform(-1.2, 1.2, limit.shape) * limit).astype(np.float32)
 
-    for seed in (3, 11, 3, 2**40):
+    for seed in (4, 11, 4, 2**40):
         last = episode(both, seed, beyond_the_limits_too)
         assert last[3]
 
