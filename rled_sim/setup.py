@@ -38,6 +38,7 @@ setup(
         *robots(),
     ],
     install_requires=["gymnasium", "numpy", "pybullet", "rled_msgs_py"],
+    extras_require={"torch": ["torch"]},
     zip_safe=False,
     entry_points={
         "console_scripts": [

@@ -85,10 +85,10 @@ def test_expert_and_agent_stand_side_by_side(evaluate, planar_expert, idle, caps
 
 
 def test_whole_episodes_stand_below_the_bins(evaluate, planar_expert, idle, capsys) -> None:
-    output = evaluate("--expert", planar_expert, "--agent", idle, "--episodes", 8)
+    output = evaluate("--expert", planar_expert, "--agent", idle, "--episodes", 8, "--seed", 14)
     results = json.loads((output / "episodes.json").read_text())
     assert results["expert"]["targets_reached"] == 1.0
-    # a policy that hardly moves is cut short
+    # a policy that hardly moves is cut short, but where a target lies at its start: none does with this seed
     assert results["agent"] | {"reward": 0.0} == {
         "reward": 0.0,
         "steps": 100.0,
@@ -105,7 +105,9 @@ def test_whole_episodes_stand_below_the_bins(evaluate, planar_expert, idle, caps
 
 def test_episodes_are_driven_behind_the_faults(evaluate, planar_expert, tmp_path) -> None:
     lost, late, same = (
-        json.loads((evaluate("--expert", planar_expert, "--episodes", 8, *options) / "episodes.json").read_text())
+        json.loads(
+            (evaluate("--expert", planar_expert, "--episodes", 8, "--seed", 14, *options) / "episodes.json").read_text()
+        )
         for options in (["--faults.command-loss", 1], *2 * [["--faults.control-delay", 2]])
     )
     # no displacement arrives: the robot stays

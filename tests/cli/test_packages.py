@@ -26,6 +26,8 @@ ROS = re.compile(r"rclpy|rosbag2_py|ament_index_python|.*_(msgs|interfaces|srvs)
 ROSDEP_KEYS = {"evdev", "matplotlib", "numpy", "scipy", "tqdm", "yaml"}
 OPTIONAL = {"evdev": "evdev-binary", "ray": "ray", "stable_baselines3": "stable-baselines3"}
 """Imported where it is used, with an error in one line when it is missing; an extra of its package names it."""
+OPTIONAL_OF = {"rled_sim": {"torch": "torch"}}
+"""The same of one package only."""
 
 
 def imports_of(package: str) -> set[str]:
@@ -61,8 +63,9 @@ def is_ros(module: str) -> bool:
 @pytest.mark.parametrize("package", PACKAGES)
 def test_pip_requirements_are_exactly_what_is_imported_less_ros(package: str) -> None:
     imported = {each for each in imports_of(package) if not is_ros(each)}
-    assert required_by(package) == distributions_of(imported - OPTIONAL.keys())
-    assert required_by(package, extra=True) == {OPTIONAL[each] for each in imported & OPTIONAL.keys()}
+    optional = OPTIONAL | OPTIONAL_OF.get(package, {})
+    assert required_by(package) == distributions_of(imported - optional.keys())
+    assert required_by(package, extra=True) == {optional[each] for each in imported & optional.keys()}
 
 
 @pytest.mark.parametrize("package", PACKAGES)

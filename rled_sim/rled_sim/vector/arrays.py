@@ -82,7 +82,9 @@ def _require_torch(device: str) -> None:
     try:
         import torch
     except ImportError:
-        raise RledError(f"device '{device}' without torch", "None, for numpy", "pip install torch") from None
+        raise RledError(
+            f"device '{device}' without torch", "None, for numpy", "pip install 'rled_sim[torch]'"
+        ) from None
     try:
         torch.zeros(1, dtype=torch.float64, device=device)
     except (RuntimeError, AssertionError, TypeError) as error:
