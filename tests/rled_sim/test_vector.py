@@ -1,5 +1,6 @@
 """Batches of environments against the single ones, one step after another."""
 
+import contextlib
 import copy
 import pickle
 from dataclasses import fields, replace
@@ -38,19 +39,20 @@ RICH = {"max_steps": 40, "target_spread": 0.01, "faults": EVERYTHING}
 
 @pytest.fixture(scope="module")
 def singles():
-    """Opens single environments, N alike, and closes them in the end."""
-    opened = {}
+    """Opens single environments, N alike, and closes those before: each has a world of its own in memory."""
+    opened, held = {}, contextlib.ExitStack()
 
     def opener(robot, **options):
         key = (robot, repr(sorted(options.items())))
         if key not in opened:
-            opened[key] = [gymnasium.make(ENVIRONMENTS[robot], **options) for _ in range(N)]
+            held.close()
+            opened.clear()
+            envs = [gymnasium.make(ENVIRONMENTS[robot], **options) for _ in range(N)]
+            opened[key] = [held.enter_context(contextlib.closing(env)) for env in envs]
         return opened[key]
 
-    yield opener
-    for envs in opened.values():
-        for env in envs:
-            env.close()
+    with held:
+        yield opener
 
 
 def starts_of(robot, count=4):
