@@ -351,7 +351,9 @@ class TestWaitingSimulation:
 
 
 def test_last_tick_of_an_episode_is_followed_at_once(start):
-    operator = start("--robot", "planar", "--max-steps", "2")
+    operator = start(
+        "--robot", "planar", "--max-steps", "2", "--seed", "1"
+    )  # whose first target is not where it stands
     operator.step((0.0, 0.0))
     operator.step((0.0, 0.0))
     operator.wait(lambda: len(operator.ticks) == 4, "the next episode")
@@ -361,7 +363,7 @@ def test_last_tick_of_an_episode_is_followed_at_once(start):
 
 
 def test_without_auto_reset_the_simulation_waits_for_a_reset(start):
-    operator = start("--robot", "planar", "--max-steps", "1", "--no-auto-reset")
+    operator = start("--robot", "planar", "--max-steps", "1", "--no-auto-reset", "--seed", "1")
     assert operator.step((0.0, 0.0)).status.truncated
     operator.send((0.05, 0.0))
     operator.report("code", "7")
