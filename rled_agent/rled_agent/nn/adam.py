@@ -101,8 +101,9 @@ def _parts(rows: slice, tensors: list[Tensor]) -> list[Tensor]:
     """
     parts: list[Tensor] = []
     for each in tensors:
-        if each.device.type == "cpu" and each[0].numel() % VECTOR:
-            parts += each[rows].split(1)
+        chosen = each if rows.stop - rows.start == len(each) else each[rows]
+        if len(chosen) > 1 and each.device.type == "cpu" and (each.shape[1] * each.shape[2]) % VECTOR:
+            parts += chosen.split(1)
         else:
-            parts.append(each[rows])
+            parts.append(chosen)
     return parts

@@ -11,7 +11,7 @@ from torch import Tensor
 
 GOLDEN, FIRST, SECOND = 0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB
 """Constants of SplitMix64 (Steele, Lea and Flood, 2014)."""
-NINE, THIRTY_TWO = np.uint32(9), np.uint64(32)
+NINE, THIRTY_TWO, HALF, STEP = np.uint32(9), np.uint64(32), np.float32(0.5), np.float32(2.0**-23)
 AHEAD = 2048
 """Words that the host makes at once: many draws are of a few numbers."""
 
@@ -47,10 +47,12 @@ class Draws:
         """Numbers between 0 and 1, neither of them, shape (P, *shape): float32 in steps of 2⁻²³."""
         halves = self._halves(math.prod(shape))
         if isinstance(halves, Tensor):
-            drawn = ((halves >> 9) & 0x7FFFFF).to(torch.float32)
+            drawn = ((halves >> 9) & 0x7FFFFF).to(torch.float32).add_(0.5).mul_(2.0**-23)
         else:
-            drawn = torch.from_numpy((halves >> NINE).astype(np.float32))
-        return drawn.add_(0.5).mul_(2.0**-23).view(self.population, *shape)
+            numbers = np.add(halves >> NINE, HALF, dtype=np.float32)
+            numbers *= STEP
+            drawn = torch.from_numpy(numbers)
+        return drawn.view(self.population, *shape)
 
     def integers(self, high: int, *shape: int) -> Tensor:
         """Whole numbers of [0, high), high below 2³¹, shape (P, *shape), int64."""

@@ -87,7 +87,8 @@ class Transitions(NamedTuple):
 def transitions_of(rows: Tensor, observation_size: int, action_size: int, indices: Tensor) -> Transitions:
     """The transitions of rows, shape (P, b, 2 o + n + 3), all of one weight."""
     sizes = (observation_size, action_size, 1, 1, observation_size, 1)
-    columns: tuple[Tensor, ...] = (*rows.split(sizes, dim=2), torch.ones_like(rows[..., :1]), indices)
+    weight = rows.new_ones(1).expand(*rows.shape[:2], 1)
+    columns: tuple[Tensor, ...] = (*rows.split(sizes, dim=2), weight, indices)
     return Transitions(*columns)
 
 
