@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import torch
-from rled_msgs_py.records import GateCode
 from torch import Tensor
 
 from rled_agent.exploration.strategy import Choice, PolicyFunction, Strategy, by_agent
@@ -68,8 +67,8 @@ class Expert(Strategy):
     def act(self, observation: Tensor) -> Choice:
         """Its action."""
         action = self.expert(observation)
-        code = torch.full((len(action),), GateCode.UNGATED, device=action.device)
-        return Choice(action, torch.ones_like(code, dtype=torch.bool), code)
+        choice = by_agent(action)
+        return choice._replace(by_expert=~choice.by_expert)
 
 
 @dataclass

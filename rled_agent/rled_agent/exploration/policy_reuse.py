@@ -31,17 +31,19 @@ class PolicyReuse(Strategy):
 
     def __post_init__(self) -> None:
         self.expert_episode = torch.zeros(self.draws.population, dtype=torch.bool, device=self.draws.device)
+        self._is_drawn = is_anywhere(self.expert_episode)
 
     def begin(self, where: Tensor) -> None:
         """Draw ξ (Eq. 4.11)."""
         xi = self.draws.uniform()
         self.expert_episode = torch.where(where, xi < column(self.phi, xi), self.expert_episode)
+        self._is_drawn = is_anywhere(self.expert_episode)
         self.strategy.begin(where)
 
     def act(self, observation: Tensor) -> Choice:
         """Act by Eq. 4.12."""
         choice, drawn = self.strategy.act(observation), self.expert_episode
-        if not is_anywhere(drawn):
+        if not self._is_drawn:
             return choice
         action = torch.where(drawn[:, None], self.expert(observation), choice.action)
         code = torch.where(drawn, int(GateCode.DRAWN), choice.code)
@@ -58,4 +60,5 @@ class PolicyReuse(Strategy):
     def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
         """Go on with the episodes."""
         self.expert_episode = state["expert_episode"].to(self.expert_episode)
+        self._is_drawn = is_anywhere(self.expert_episode)
         self.strategy.load_state_dict(state)

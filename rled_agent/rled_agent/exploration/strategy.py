@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from typing import NamedTuple
 
 import torch
@@ -72,9 +73,14 @@ def is_anywhere(mask: Tensor) -> bool:
 
 def by_agent(action: Tensor, estimated: Mapping[str, Tensor] | None = None) -> Choice:
     """The choice of a policy that always acts."""
-    seeds = len(action)
-    nobody = torch.zeros(seeds, dtype=torch.bool, device=action.device)
-    return Choice(action, nobody, torch.full((seeds,), GateCode.UNGATED, device=action.device), estimated or {})
+    return Choice(action, *_agents(len(action), action.device), estimated or {})
+
+
+@cache
+def _agents(seeds: int, device: torch.device) -> tuple[Tensor, Tensor]:
+    """That nobody's action is the expert's, and why the agents act; made once, since a step of a robot is short."""
+    nobody = torch.zeros(seeds, dtype=torch.bool, device=device)
+    return nobody, torch.full((seeds,), GateCode.UNGATED, device=device)
 
 
 def network_function(network: Perceptron) -> PolicyFunction:
@@ -82,6 +88,9 @@ def network_function(network: Perceptron) -> PolicyFunction:
 
     @torch.inference_mode()
     def act(observation: Tensor) -> Tensor:
+        if network.members == 1 and observation.ndim == 2:
+            single: Tensor = network(observation)[0]
+            return single
         rows = observation if observation.ndim == 3 else observation[:, None]
         action: Tensor = network(rows)
         if network.ensemble > 1:

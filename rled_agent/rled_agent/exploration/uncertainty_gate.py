@@ -25,7 +25,7 @@ class UncertaintyGate(Strategy):
         hysteresis: the agent acts again where u_t < ξ (1 − hysteresis).
         dwell: steps that the expert acts for at least.
         standing_in: whether the expert acts, shape (P,).
-        stood_in: steps that it has done so, shape (P,).
+        stood_in: steps that it has done so, counted where ``dwell`` asks for them, shape (P,).
     """
 
     uncertainty: Uncertainty
@@ -40,6 +40,7 @@ class UncertaintyGate(Strategy):
         seeds, device = self.noise.draws.population, self.noise.draws.device
         self.standing_in = torch.zeros(seeds, dtype=torch.bool, device=device)
         self.stood_in = torch.zeros(seeds, dtype=torch.int64, device=device)
+        self._sure, self._unsure = (torch.tensor(int(each), device=device) for each in (GateCode.SURE, GateCode.UNSURE))
         self._enters = torch.as_tensor(self.threshold, dtype=torch.float64, device=device)
         self._leaves = self._enters * (1.0 - self.hysteresis)
 
@@ -54,12 +55,13 @@ class UncertaintyGate(Strategy):
         if self.dwell:
             held = torch.where(sure & self.standing_in & (self.stood_in < self.dwell), self.stood_in, 0)
             sure = sure & (held == 0)
-        self.standing_in, self.stood_in = ~sure, torch.where(sure, 0, self.stood_in + 1)
+            self.stood_in = torch.where(sure, 0, self.stood_in + 1)
+        self.standing_in = ~sure
         action = self.noise.added_to(mean)
-        if is_anywhere(~sure):
+        if is_anywhere(self.standing_in):
             action = torch.where(sure[:, None], action, self.expert(observation))
-        code = torch.where(sure, int(GateCode.SURE), int(GateCode.UNSURE))
-        return Choice(action, ~sure, code, uncertainty, self.measure, threshold, held)
+        code = torch.where(sure, self._sure, self._unsure)
+        return Choice(action, self.standing_in, code, uncertainty, self.measure, threshold, held)
 
     def state_dict(self) -> dict[str, Tensor]:
         """Whether the expert stands in, and for how long."""

@@ -2,6 +2,7 @@
 
 from typing import NamedTuple, Protocol
 
+import numpy as np
 import torch
 from rled_msgs_py.errors import ContractError
 from torch import Tensor
@@ -120,5 +121,9 @@ def make_uncertainty(gate: GateSettings, actor: Perceptron, critic: Perceptron |
 
 
 def _estimate(actions: Tensor) -> Estimate:
-    low, high, mean = quartiles(actions)
-    return Estimate(mean.float(), {name: measure(low, high) for name, measure in MEASURES.items()})
+    if actions.device.type != "cpu":
+        low, high, mean = quartiles(actions)
+        return Estimate(mean.float(), {name: measure(low, high) for name, measure in MEASURES.items()})
+    low, high, mean = quartiles(actions.numpy())
+    mean = torch.from_numpy(mean.astype(np.float32))
+    return Estimate(mean, {name: torch.from_numpy(measure(low, high)) for name, measure in MEASURES.items()})
