@@ -88,7 +88,6 @@ def main() -> None:
     check_fields(options)
     require_device(options.device)
     members = members_of(options.config, options.seeds, options.sweep, options.output)
-    torch.set_num_threads(min(len(members), torch.get_num_threads()))  # a product of one seed is made by one thread
     if options.over == "graph" and len(members) > 1:
         raise RledError(f"{len(members)} runs over one graph", "one", "leave out --seeds and --sweep")
     if options.resume and len(members) > 1:
@@ -98,9 +97,10 @@ def main() -> None:
     bag = Bag(options.bag) if options.bag else None
     if bag is not None:
         require_robot_of(bag.task, options.config.env, f"bag {bag.path}")
-    demonstrations = _demonstrations(options)
+    demonstrations, threads = _demonstrations(options), torch.get_num_threads()
     with stop_requested() as stop:
         for group in _groups(options, members):
+            torch.set_num_threads(min(len(group), threads))  # a product of one seed is made by one thread
             if not stop.is_set():
                 _make(options, group, bag, demonstrations, stop)
 
