@@ -60,29 +60,29 @@ def row(**metrics: float) -> dict[str, float]:
 
 
 def test_one_run_is_summed_up_by_its_metrics():
-    assert summary([row(reward=-3.0, qcd_median=math.nan)], [4]) == {
+    assert summary([row(reward=-3.0, qcd_median=math.nan)], ["."]) == {
         "updates/s": 50.0, "return": -3.0, "uncertainty": pytest.approx(math.nan, nan_ok=True)
     }  # fmt: skip
     assert summary([], []) == {}
 
 
-def test_several_runs_are_summed_up_by_mean_and_deviation_and_the_seed_that_lags_behind():
+def test_several_runs_are_summed_up_by_mean_and_deviation_and_the_run_that_lags_behind():
     rows = [row(reward=each, demonstrated_share=0.5) for each in (1.0, -5.0, 4.0)]  # deviations 1, -5, 4 from 0
-    assert summary(rows, [8, 3, 6]) == {
+    assert summary(rows, ["seed-8", "seed-3", "seed-6"]) == {
         "updates/s": "150 in all",
         "return": "0±3.7",  # root of 42/3
         "demonstrated": "0.5±0",
-        "behind": "seed 3 with a return of -5",
+        "behind": "seed-3 with a return of -5",
     }
 
 
 def test_an_evaluation_decides_about_who_lags_behind():
     rows = [row(reward=each, evaluation_reward=-each) for each in (1.0, -5.0)]
-    assert summary(rows, [8, 3])["behind"] == "seed 8 with a return of -1"
+    assert summary(rows, ["phi-0/seed-8", "seed-3"])["behind"] == "phi-0/seed-8 with a return of -1"
 
 
 @pytest.mark.parametrize("rewards", [(2.0, 2.0), (1.0, math.nan), (math.nan, math.nan)])
 def test_nobody_lags_behind_where_returns_are_equal_or_unknown(rewards):
-    found = summary([row(reward=each) for each in rewards], [0, 1])
+    found = summary([row(reward=each) for each in rewards], ["seed-0", "seed-1"])
     assert "behind" not in found
     assert ("return" in found) == all(map(math.isfinite, rewards))

@@ -1,6 +1,7 @@
 """The loop of a population of runs with its files: rows of metrics, checkpoints, policies, and a bar."""
 
 import contextlib
+import os
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -52,7 +53,7 @@ def train(population: Population, directories: Sequence[RunDirectory], stop: Eve
             is_done = trainer.step == schedule.steps
             if trainer.step % schedule.log_every == 0 or is_done:
                 rows = loop.log()
-                progress.say(trainer.step, summary(rows, [population.configs[k].seed for k in loop.alive]))
+                progress.say(trainer.step, summary(rows, loop.names()))
             if trainer.step % schedule.checkpoint_every == 0 or is_done:
                 loop.save()
     if stop.is_set():
@@ -70,6 +71,11 @@ class _Loop:
         self._begin = _Begin(time.perf_counter(), self._trainer.step, self._trainer.learning.learner.updates)
         self.alive = list(range(len(directories)))
         self._diverged: list[DivergenceError] = []
+
+    def names(self) -> list[str]:
+        """Of the runs that go on: their folders within that of all, as ``phi-0.1/seed-2``."""
+        common = os.path.commonpath([each.path for each in self._directories])
+        return [os.path.relpath(self._directories[k].path, common) for k in self.alive]
 
     @contextlib.contextmanager
     def opened(self) -> Iterator[None]:

@@ -73,12 +73,12 @@ def _is_told(value: float | str) -> bool:
     return isinstance(value, str) or math.isfinite(value)
 
 
-def summary(rows: Sequence[Mapping[str, float]], seeds: Sequence[int]) -> dict[str, float | str]:
-    """How the runs of a population are doing: mean ± standard deviation, and the seed that lags behind.
+def summary(rows: Sequence[Mapping[str, float]], names: Sequence[str]) -> dict[str, float | str]:
+    """How the runs of a population are doing: mean ± standard deviation, and the run that lags behind.
 
     Args:
         rows: of metrics, one for each run that goes on.
-        seeds: of these runs.
+        names: of these runs.
     """
     if len(rows) < 2:
         return {shown: row[name] for row in rows for name, shown in SHOWN.items() if name in row}
@@ -88,7 +88,7 @@ def summary(rows: Sequence[Mapping[str, float]], seeds: Sequence[int]) -> dict[s
     behind = [row.get("evaluation_reward", row.get("reward", math.nan)) for row in rows]
     if all(map(math.isfinite, behind)) and min(behind) < max(behind):
         worst = behind.index(min(behind))
-        told["behind"] = f"seed {seeds[worst]} with a return of {behind[worst]:.3g}"
+        told["behind"] = f"{names[worst]} with a return of {behind[worst]:.3g}"
     return told
 
 
