@@ -138,7 +138,7 @@ def test_environments_of_somebody_else_are_closed_too(monkeypatch):
         assert len(acted_in) == 2
         assert not acted_in & {*closed}
     assert acted_in < {*closed}
-    assert len({*closed}) == 5  # two to act in, two to be looked at in, one that told its bounds
+    assert len({*closed}) == 4  # two to act in, two to be looked at in
 
 
 def test_another_environment_may_be_acted_in(inputs):

@@ -5,7 +5,6 @@ import math
 import os
 from collections.abc import Callable, Sequence
 from itertools import pairwise
-from typing import cast
 
 import numpy as np
 import torch
@@ -83,11 +82,14 @@ class Perceptron(nn.Module):
         return self._part(lambda each: each[seed * self.ensemble : (seed + 1) * self.ensemble], self.ensemble)
 
     def _part(self, chosen: Callable[[Tensor], Tensor], ensemble: int) -> "Perceptron":
-        part = copy.copy(self)
-        part.ensemble, part._modules = ensemble, {}
-        layers = [tuple(nn.Parameter(chosen(each.detach()), False) for each in layer) for layer in self._layers]
-        part._hold(cast(list[tuple[nn.Parameter, nn.Parameter]], layers))
-        return part
+        return self._of([(chosen(weight), chosen(bias)) for weight, bias in self._layers], ensemble)
+
+    def _of(self, layers: Sequence[tuple[Tensor, Tensor]], ensemble: int) -> "Perceptron":
+        """The same with other weights, which no gradient reaches."""
+        other = copy.copy(self)
+        other.ensemble, other._modules = ensemble, {}
+        other._hold([(nn.Parameter(w.detach(), False), nn.Parameter(b.detach(), False)) for w, b in layers])
+        return other
 
     @torch.no_grad()
     def vector(self) -> NDArray[np.float32]:
@@ -179,11 +181,8 @@ def joined(networks: Sequence[Perceptron]) -> Perceptron:
             raise RledError("networks of several shapes", "one shape for all seeds", "clone the experts alike")
     if not others:
         return first
-    whole = copy.copy(first)
-    whole._modules = {}
-    pairs = (zip(*each, strict=True) for each in zip(*(network._layers for network in networks), strict=True))
-    whole._hold([tuple(nn.Parameter(torch.cat(part).detach(), False) for part in pair) for pair in pairs])  # type: ignore[misc]
-    return whole
+    layers = [[*zip(*layer, strict=True)] for layer in zip(*(each._layers for each in networks), strict=True)]
+    return first._of([(torch.cat(weights), torch.cat(biases)) for weights, biases in layers], first.ensemble)
 
 
 def parameter_shapes(

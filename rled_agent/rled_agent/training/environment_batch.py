@@ -9,10 +9,12 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from rled_msgs_py.task import TaskDescription
+from rled_sim.spaces import action_space, observation_space
 from rled_sim.vector.reach import ReachBatch
 from torch import Tensor
 
 Environment: TypeAlias = gymnasium.Env[Any, Any]
+Space: TypeAlias = gymnasium.spaces.Space[Any]
 STREAM = 3
 """Tells the seeds of episodes from other draws of the same seed."""
 
@@ -50,6 +52,16 @@ class EnvironmentBatch(Protocol):
     @property
     def task(self) -> TaskDescription | None:
         """The task of this project's environments, else None."""
+        ...
+
+    @property
+    def observation_space(self) -> Space:
+        """Of each of them, physical."""
+        ...
+
+    @property
+    def action_space(self) -> Space:
+        """Of each of them, physical."""
         ...
 
     def seed(self, seeds: Sequence[int]) -> None:
@@ -101,6 +113,16 @@ class ReachEnvironments(EnvironmentBatch):
     def task(self) -> TaskDescription:
         """Their task."""
         return self._batch.task
+
+    @property
+    def observation_space(self) -> Space:
+        """Of their task."""
+        return observation_space(self.task)
+
+    @property
+    def action_space(self) -> Space:
+        """Of their task."""
+        return action_space(self.task)
 
     def seed(self, seeds: Sequence[int]) -> None:
         """Begin the draws of each anew."""
@@ -183,6 +205,16 @@ class OneByOne(EnvironmentBatch):
     def task(self) -> TaskDescription | None:
         """Of this project's environments."""
         return task_of(self._envs[0])
+
+    @property
+    def observation_space(self) -> Space:
+        """Of the first, as of all."""
+        return self._envs[0].observation_space
+
+    @property
+    def action_space(self) -> Space:
+        """Of the first, as of all."""
+        return self._envs[0].action_space
 
     def seed(self, seeds: Sequence[int]) -> None:
         """Begin the draws of each anew."""

@@ -16,11 +16,17 @@ from rled_agent.training.environment_batch import Environment, EnvironmentBatch,
 from rled_sim import ENVIRONMENTS  # which registers them
 
 Joints = NDArray[np.float64]
-
 Box = gymnasium.spaces.Box
 
 
-def make_batch(config: TrainConfig, start_joints: Joints | None, count: int, device: torch.device) -> EnvironmentBatch:
+def _robot_of(env: str) -> str | None:
+    """The robot of one of this project's environments, else None."""
+    return next((robot for robot, name in ENVIRONMENTS.items() if name == env), None)
+
+
+def make_batch(
+    config: TrainConfig, start_joints: Joints | None, count: int, device: torch.device, episodes: int = 1
+) -> EnvironmentBatch:
     """Environments of a run, stepped together; those of this project are arrays, any other is stepped by itself.
 
     Args:
@@ -28,16 +34,17 @@ def make_batch(config: TrainConfig, start_joints: Joints | None, count: int, dev
         start_joints: joint angles that episodes start at (rad), shape (k, n): those of ζᵃ (Algorithm 2).
         count: how many.
         device: that tensors are on.
+        episodes: environments in the place of each, where they are arrays and many cost little more than one.
 
     Raises:
         RledError: as ``make_environment``.
     """
-    robot = next((each for each, name in ENVIRONMENTS.items() if name == config.env), None)
+    robot = _robot_of(config.env)
     if robot is None or config.reward == "own":
         return OneByOne([make_environment(config, start_joints) for _ in range(count)], device)
     batch = ReachBatch(
         robot,
-        count,
+        count * episodes,
         reward=config.reward,
         start_joints=start_joints,
         target_spread=config.target_spread,
@@ -100,7 +107,7 @@ def require_robot_of(demonstrations: TaskDescription, env: str, what: str) -> No
     Raises:
         RledError: names the environment that fits them.
     """
-    robot = next((each for each, name in ENVIRONMENTS.items() if name == env), None)
+    robot = _robot_of(env)
     if robot is not None and demonstrations.robot != robot:
         found = f"{what} is of robot {demonstrations.robot}, env {env} of {robot}"
         raise RledError(found, f"a bag of {robot}", f"or --env {environment_of(demonstrations.robot)}")

@@ -46,9 +46,7 @@ class MetricsAccumulator:
         losses, episodes = self._losses(), self.episodes()
         risky, reward = (_stacked([getattr(each, name) for each in self._steps]) for name in ("risky", "reward"))
         by_expert = _stacked(self._by_expert)
-        estimated = {
-            name: _stacked([each[name] for each in self._uncertainty]) for name in self._uncertainty[-1] if self._steps
-        }
+        estimated = {name: _stacked([each[name] for each in self._uncertainty]) for name in self._uncertainty[-1]}
         rows = []
         for k, ended in enumerate(episodes):
             row = mean_result(ended) if ended else {}

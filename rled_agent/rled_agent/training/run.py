@@ -14,12 +14,12 @@ from rled_agent.exploration.strategy import PolicyFunction, policy_function
 from rled_agent.methods.method import Problem
 from rled_agent.nn.draws import Draws
 from rled_agent.nn.policy import Origin, Policy
-from rled_agent.nn.scaling import Floats, Scaling, scaling_of_bounds, scaling_of_points
+from rled_agent.nn.scaling import Scaling, scaling_of_bounds, scaling_of_points
 from rled_agent.per_seed import merged
 from rled_agent.replay.replay import Sampler
 from rled_agent.training.config import TrainConfig
-from rled_agent.training.environment_batch import Environment, EnvironmentBatch, OneByOne, ReachEnvironments
-from rled_agent.training.environments import bounds, make_batch, make_environment, require_robot_of
+from rled_agent.training.environment_batch import Environment, EnvironmentBatch, OneByOne
+from rled_agent.training.environments import bounds, make_batch, require_robot_of
 from rled_agent.training.trainer import Environments, Trainer
 
 
@@ -98,22 +98,15 @@ def composed(
         require_robot_of(inputs.demonstrations.task, first.env, "the bag")
     starts = inputs.demonstrations.starts if inputs.demonstrations is not None else None
     with contextlib.ExitStack() as stack:
-        evaluation = stack.enter_context(contextlib.closing(_evaluation(configs, starts, where)))
+        episodes = first.schedule.evaluation_episodes
+        evaluation = make_batch(first, starts, len(configs), where, episodes)
+        stack.enter_context(contextlib.closing(evaluation))
         if training_env is not None:
             training: EnvironmentBatch = OneByOne([training_env(evaluation.task)], where)
         else:
             training = make_batch(first, starts, len(configs), where)
         stack.enter_context(contextlib.closing(training))
         yield _compose(configs, inputs, training, evaluation, where)
-
-
-def _evaluation(configs: Sequence[TrainConfig], starts: Floats | None, device: torch.device) -> EnvironmentBatch:
-    """One environment for each episode, where they are batched; else one for each run."""
-    first, runs = configs[0], len(configs)
-    batch = make_batch(first, starts, runs, device)
-    if not isinstance(batch, ReachEnvironments):
-        return batch
-    return make_batch(first, starts, runs * first.schedule.evaluation_episodes, device)
 
 
 def _compose(
@@ -124,7 +117,7 @@ def _compose(
     device: torch.device,
 ) -> Population:
     first, task, seeds = configs[0], evaluation.task, [each.seed for each in configs]
-    scaling = _scaling(first, inputs, task)
+    scaling = _scaling(first, inputs, evaluation)
     experts = inputs.experts if len(inputs.experts) == len(configs) else inputs.experts * len(configs)
     expert = policy_function(experts, scaling, device) if experts else None
     problem = Problem(
@@ -143,8 +136,9 @@ def _compose(
     return Population(tuple(configs), trainer, expert, task)
 
 
-def _scaling(config: TrainConfig, inputs: Inputs, task: TaskDescription | None) -> Scaling:
+def _scaling(config: TrainConfig, inputs: Inputs, env: EnvironmentBatch) -> Scaling:
     """Of the demonstrations, or of the environment's bounds where there are none."""
+    task = env.task
     if task is None and inputs != Inputs():
         raise RledError(
             f"env '{config.env}' has no robot that a bag or an expert could be of", "an environment of rled"
@@ -153,8 +147,7 @@ def _scaling(config: TrainConfig, inputs: Inputs, task: TaskDescription | None) 
         if given is not None and task is not None:
             task.require_same_robot(given.task, whose)
     if inputs.demonstrations is None or task is None:
-        with contextlib.closing(make_environment(config, None)) as env:
-            return scaling_of_bounds(bounds(env.observation_space), bounds(env.action_space))
+        return scaling_of_bounds(bounds(env.observation_space), bounds(env.action_space))
     visited = inputs.demonstrations.visited
     return scaling_of_points(task, visited.positions, visited.joints)
 
